@@ -131,7 +131,7 @@ def _joined(cells: Sequence[str], extra: int) -> list[str] | None:
     numbers with a decimal point, single digits are rather cells of their own.
 
     Returns:
-        The cells with decimal points; None if so many commas cannot stand between digits.
+        The cells with decimal points; None if so many commas cannot be between digits.
     """
     fewest = 2 if any(_POINT.fullmatch(c) for c in cells) else 1
     out = list(cells)

@@ -90,5 +90,5 @@ class NetworkReader:
 
 
 def beginning_has(word: bytes) -> Callable[[Path], bool]:
-    """Return a function that tells whether a word stands in the beginning of a file."""
+    """Return a function that returns whether a word is in the beginning of a file."""
     return lambda path: word in file_beginning(path)

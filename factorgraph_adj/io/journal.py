@@ -6,9 +6,9 @@ holds whole lines and at most one torn line at its end, which is found and left 
 
 Every line ends with ``"line"``, its number from 1, and ``"chain"``, the first `CHAIN_DIGITS`
 hexadecimal digits of SHA-256 of the chain of the line before it (empty before the first) and of the
-line up to its own. A line that is missing, stands twice, was changed or comes from another journal
+line up to its own. A line that is missing, occurs twice, was changed or comes from another journal
 breaks the chain, and is refused on opening. Lines that are missing at the end break nothing: the
-journal is then that of an earlier moment. While a journal is open, its file is looked at before
+journal is then that of an earlier moment. While a journal is open, its file is examined before
 every entry.
 """
 
@@ -81,7 +81,7 @@ class Journal:
 
         Raises:
             InputError: the file holds something or is in use, or cannot be written; the header
-                cannot stand in JSON. What was there is left as it was.
+                cannot be written as JSON. What was there is left as it was.
         """
         path = Path(path)
         refuse_replacing([path])
@@ -115,7 +115,7 @@ class Journal:
     def open(
         cls, path: str | Path, *, durable: bool = True
     ) -> tuple[Journal, dict[str, Any], list[dict[str, Any]], str]:
-        """Open a journal to go on with it.
+        """Open a journal to continue it.
 
         A last line that is not an object of JSON was torn when the process was stopped; it is
         cut off, so that the next entry starts on a line of its own. A last line that is one
@@ -164,9 +164,9 @@ class Journal:
         """Record an entry: one line, in the file when this returns.
 
         Raises:
-            InputError: the entry cannot stand in JSON, the file cannot be written, was deleted,
-                replaced or changed by somebody else, or the journal is closed; nothing was
-                recorded then.
+            InputError: the entry cannot be written as JSON; the file cannot be written, was
+                deleted, replaced or changed by another process; or the journal is closed.
+                Nothing was recorded then.
         """
         line, link = _line(entry, self.path, self._last)
         self._refuse_other_file()
@@ -191,7 +191,7 @@ class Journal:
         self.close()
 
     def _refuse_other_file(self) -> None:
-        """Refuse to go on where the file under our name is not the one that we wrote."""
+        """Refuse to continue where the file under our name is not the one that we wrote."""
         if not self._close.alive or self._unusable:
             return  # writing says so
         what = ""
@@ -306,7 +306,7 @@ def _sync_folder(folder: Path) -> None:
 
 
 class ChainLink(NamedTuple):
-    """Where a line stands in its journal."""
+    """Place of a line in its journal."""
 
     number: int
     """Number of the line, from 1."""
@@ -314,7 +314,7 @@ class ChainLink(NamedTuple):
     """What it and all lines before it come to."""
 
     def of(self, text: bytes) -> ChainLink:
-        """Return the link of the next line, from what stands before its end."""
+        """Return the link of the next line, from the line before its end."""
         chain = hashlib.sha256(self.chain.encode() + text).hexdigest()[:CHAIN_DIGITS]
         return ChainLink(self.number + 1, chain)
 
@@ -386,7 +386,7 @@ def _refuse(constant: str) -> NoReturn:
 
 
 def _parse(line: bytes) -> dict[str, Any] | None:
-    """Return the object of a line; none where it is not one."""
+    """Return the object of a line; None where it is not one."""
     try:
         found = json.loads(line.decode("utf-8"), parse_constant=_refuse)
     except (ValueError, RecursionError):

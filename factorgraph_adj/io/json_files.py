@@ -38,7 +38,7 @@ class JsonNode:
     file: JsonFile
     """The file."""
     path: JsonPath = ()
-    """Where it stands."""
+    """Its place in the file."""
 
     @property
     def where(self) -> str:

@@ -154,7 +154,7 @@ def observation_of(
             where the record states no ``unit``, heights of instruments and targets are metres,
             and image coordinates have the unit that σ names. Records of `observation_fields`
             are read without a context.
-        source: where the record stands, for messages and for the observation.
+        source: place of the record, for messages and for the observation.
 
     Raises:
         InputError: all problems of the record, as `records.observation` lists them; for
@@ -286,7 +286,7 @@ def point_of(
         fields: the record, with the columns of points.csv.
         context: units of fields without a unit in their name; metres and degrees by default.
         frame: frame of the network, for points given by latitude, longitude and height.
-        source: where the record stands, for messages.
+        source: place of the record, for messages.
 
     Raises:
         InputError: everything that is wrong with it.
@@ -313,13 +313,13 @@ def photo_of(
     frame: Frame | None = None,
     source: str = "",
 ) -> Photo:
-    """Return the photo that a record describes; its camera is not looked up.
+    """Return the photo that a record describes; its camera is not searched for.
 
     Args:
         fields: the record, with the columns of photos.csv.
         context: units of fields without a unit in their name; metres and gon by default.
         frame: frame of the network; photos need a right-handed frame.
-        source: where the record stands, for messages.
+        source: place of the record, for messages.
 
     Raises:
         InputError: everything that is wrong with it.
@@ -347,7 +347,7 @@ def camera_of(fields: Mapping[str, object], *, source: str = "") -> Camera:
     Args:
         fields: the record, with the keys of [[camera]]. A σ of image coordinates has no effect
             here; `factorgraph_adj.io.project.read_camera_record` returns it.
-        source: where the record stands, for messages.
+        source: place of the record, for messages.
 
     Raises:
         InputError: everything that is wrong with it.
@@ -378,7 +378,7 @@ def unknown_of(
     Args:
         fields: for example ``{"kind": "level", "name": "lake", "value_m": 371.2}``.
         context: units of values without a unit of their own.
-        source: where the record stands.
+        source: place of the record.
 
     Raises:
         InputError: an unknown kind or field, or a value that is wrong; all problems are listed.
@@ -399,7 +399,7 @@ def unknown_of(
     network = Network()
     origin = row.fields.get("origin")
     for point in dict.fromkeys((first * kind.at_point, origin)):
-        if point and isinstance(point, str):  # whether there is one is not looked up
+        if point and isinstance(point, str):  # whether there is one is not checked
             network.add_point(point, (0.0, 0.0, 0.0))
     if first or nameless:
         row.of = f"{kind.noun} {parameter_name(key)!r}"

@@ -195,7 +195,7 @@ def combine_fields(kind: str) -> tuple[str, ...]:
 
 
 def placeholder_sigma(kind: str) -> dict[str, object]:
-    """Return a valid standard deviation of a kind to stand in for one that is wrong."""
+    """Return a valid standard deviation of a kind to replace one that is wrong."""
     if is_in_image(kind):
         return {"sigma_image": 1.0}
     units = ("px", "m") if kind == "image" else ("rad",) if is_angle(kind) else ("m",)

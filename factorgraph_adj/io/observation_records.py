@@ -72,7 +72,7 @@ def observation_from_record(
     Args:
         record: the fields, text or numbers; empty ones and None count as absent.
         context: defaults of the project.
-        source: where the record stands, for messages: file:line; may be empty.
+        source: place of the record, for messages: file:line; may be empty.
 
     Raises:
         InputError: all problems of the record: unknown kind or field, missing field, unreadable

@@ -403,7 +403,7 @@ def _parameters(
         entry = given if isinstance(given, dict) else {"value": given}
         inside = FieldRow(entry, row.where, row.problems, f"{row.of} parameter {name}")
         _refuse_other_keys(inside, ("value", "free", "sigma"))
-        unknown = name == "c" and bool(entry.get("free"))  # it is looked for
+        unknown = name == "c" and bool(entry.get("free"))  # it is searched for
         value = inside.number("value", required=not unknown)
         sigma = inside.number("sigma", positive=True)
         if value is not None or not unknown:

@@ -23,7 +23,7 @@ from .project import Project, load_project
 from .transaction_folders import recover_folder
 
 MAX_FOLDER_ENTRIES = 200
-"""Largest number of entries of a folder that are looked at for what it may have."""
+"""Largest number of entries of a folder that are examined for what it may have."""
 MAX_PROPOSED_FOLDERS = 5
 """Largest number of folders that a message proposes."""
 PROJECT_READER = Reader(
@@ -69,7 +69,7 @@ class Readers:
             raise InputError(problems)
 
     def add(self, reader: Reader) -> None:
-        """Add a reader; InputError where it cannot be told from the others."""
+        """Add a reader; InputError where it cannot be distinguished from the others."""
         self.entries = Readers((*self.entries, reader)).entries
 
     def __str__(self) -> str:
@@ -93,7 +93,7 @@ class Readers:
             path: file or folder.
             readings: whether observations need observed values; those of a design do not.
             allow_outside: whether a project may name files outside its folder.
-            format: name of the format; None: suffix and content tell it.
+            format: name of the format; None: it follows from suffix and content.
             options: options of the function that reads this format, by name.
 
         Raises:
@@ -208,7 +208,7 @@ def register_reader(reader: Reader) -> Reader:
         reader: the reader.
 
     Raises:
-        InputError: neither name, suffix nor content tells it from another one.
+        InputError: neither name, suffix nor content distinguishes it from another one.
     """
     READERS.add(reader)
     return reader
@@ -222,7 +222,7 @@ def read(path: str | Path, *, format: str | None = None, **options: Any) -> Netw
 
     Args:
         path: the file, or the folder that has a project as ``project.toml``.
-        format: name of the format, where suffix and content do not tell it.
+        format: name of the format, where suffix and content do not determine it.
         options: options of the reader of the format.
 
     Raises:

@@ -67,7 +67,7 @@ DERIVED_OBSERVATIONS = LeftOutReason(
 class Problems:
     """Problems of all files that a reader opens, and the rows that it leaves out.
 
-    A place is ``file:line``, and may go on with the entity concerned: ``a.dat:7: point 'A'``.
+    A place is ``file:line``, and may be followed by the entity concerned: ``a.dat:7: point 'A'``.
     """
 
     def __init__(self) -> None:

@@ -89,7 +89,7 @@ class UnfinishedError(InputError):
 
 @dataclass(frozen=True)
 class FileChange:
-    """What becomes of one file."""
+    """Change of one file."""
 
     name: str
     """Its name."""
@@ -110,7 +110,7 @@ class WritingFolder:
     all: tuple[Path, ...]
     """All folders of the transaction; known to the first one."""
     changes: tuple[FileChange, ...]
-    """What becomes of the files."""
+    """Changes of the files."""
 
     @property
     def folder(self) -> Path:
@@ -160,7 +160,7 @@ class WritingFolder:
         return problems
 
     def _restore(self, change: FileChange) -> str:
-        """Put one file back; return why somebody else's file in its place forbids that."""
+        """Put one file back; return why another file in its place forbids that."""
         place, old = self.folder / change.name, self.path / OLD_FILES / change.name
         if not self._is_changed(change):
             return ""
@@ -365,7 +365,7 @@ def _owner(path: Path) -> tuple[str, str]:
 
 
 def _other_folder(path: Path, first: WritingFolder) -> WritingFolder | None:
-    """Return another folder of a transaction; None: it is the first one, or somebody removed it.
+    """Return another folder of a transaction; None: it is the first one, or it was removed.
 
     Raises:
         UnfinishedError: it does not say that it belongs to the transaction.

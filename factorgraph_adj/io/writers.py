@@ -98,7 +98,7 @@ class Writers:
         Args:
             network: the network; that of an adjustment is `Solution.as_network`.
             path: file or folder.
-            format: name of the format; None: the suffix tells it.
+            format: name of the format; None: it follows from the suffix.
             options: options of the function that writes this format, by name.
 
         Raises:

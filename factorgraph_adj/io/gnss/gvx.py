@@ -75,7 +75,7 @@ def read_gvx(
 
     Raises:
         InputError: every problem of the file, each with its line: another version, reference
-            systems that differ, points and vectors that are missing or stand there twice, other
+            systems that differ, points and vectors that are missing or occur twice, other
             units than metres, covariances that are not positive definite.
     """
     file = XmlSource(path, "GVX")
@@ -104,7 +104,7 @@ def read_gvx(
 
 
 def _descendant(element: Element, tag: str) -> Element | None:
-    """Return the first descendant of a name; writers differ in what it stands in."""
+    """Return the first descendant of a name; writers differ in its parent."""
     return next((e for e in element.walk() if e.tag == tag), None)
 
 

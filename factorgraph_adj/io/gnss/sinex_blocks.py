@@ -76,7 +76,7 @@ class SinexMatrix:
     """The elements."""
 
     def full(self, n: int) -> Array:
-        """Return the symmetric matrix (n, n) as it stands in the file."""
+        """Return the symmetric matrix (n, n) as it is in the file."""
         out = np.zeros((n, n))
         i, j = np.array(self.rows, dtype=int) - 1, np.array(self.columns, dtype=int) - 1
         out[i, j] = self.values

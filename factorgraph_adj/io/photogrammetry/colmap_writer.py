@@ -62,7 +62,7 @@ def network_rigs(network: Network, cameras: Mapping[str, int]) -> Rigs:
     """Return the rigs that COLMAP can express; empty: there are none.
 
     COLMAP has one mount for each camera, and a camera belongs to one rig. A network with other
-    rigs, or with members that are off their mounts, has none here: its photos stand alone.
+    rigs, or with members that are off their mounts, has none here: its photos are alone.
 
     Args:
         network: photos with poses.
@@ -104,7 +104,7 @@ def mount_pose(network: Network, mount: str, scale: float = 1.0) -> Pose:
 
 
 def _on_mount(network: Network, carrier: str, member: str, mount: str) -> bool:
-    """Return whether a member stands where its mount puts it."""
+    """Return whether a member is where its mount puts it."""
     (r_a, x_a), (r_b, x_b) = (_pose(network.photos[n]) for n in (carrier, member))
     pose = mount_pose(network, mount)
     turn = log_rotation((pose.rotation @ r_a.T @ r_b)[None])[0]
@@ -181,7 +181,7 @@ def write_colmap(
     Names that are numbers remain the numbers of cameras and points; others get the numbers after
     the largest. Images are numbered from 1, in the order of the photos. The camera model is the
     smallest one that has all parameters that are not zero or not held. Rigs with one mount for
-    each camera are written as rigs; photos of other rigs stand alone.
+    each camera are written as rigs; photos of other rigs are alone.
 
     Standard deviations, observations of other kinds, and points without image points have no place
     in the format: they are left out, as is all that a network knows of held and weighted unknowns.

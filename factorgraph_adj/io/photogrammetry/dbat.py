@@ -48,7 +48,7 @@ DBAT_CHILDREN = {
     "filter": (),
     "operations": ("c", "operation"),
 }
-"""Elements that may stand in another one; comments <c> may stand in any."""
+"""Elements that may be in another one; comments <c> may be in any."""
 DBAT_ATTRIBUTES = {
     "document": ("dbat_script_version",),
     "input": ("base_dir",),
@@ -149,7 +149,7 @@ class _Script:
         return network
 
     def _refuse_strange(self, element: Element) -> None:
-        """Note elements and attributes that may not stand where they stand."""
+        """Note elements and attributes in places that are not allowed."""
         attributes = DBAT_ATTRIBUTES.get(element.tag, ())
         for name in element.attributes:
             if name not in attributes:

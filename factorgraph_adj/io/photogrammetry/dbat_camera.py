@@ -35,7 +35,7 @@ CAMERA_ELEMENTS = (
 """Elements of a camera; those of the calibration's history are not read."""
 CAMERA_UNITS = ("mm",)
 NUMBER_PLACEHOLDERS = ("auto", "focal", "default")
-"""Words that may stand for numbers."""
+"""Words that may replace numbers."""
 
 ParameterValues: TypeAlias = dict[str, float]
 
@@ -74,7 +74,7 @@ class DbatCamera:
         return out | ({} if self.focal is None else {"c": self.focal})
 
     def parameters(self, tag: str) -> tuple[str, ...] | None:
-        """Return our names of the parameters that a word of DBAT stands for; None: no such word."""
+        """Return our names of the parameters that a word of DBAT represents; None: no such word."""
         radial, decentring = (
             RADIAL_PARAMETERS[: self.counts[0]],
             DECENTRING_PARAMETERS[: self.counts[1]],

@@ -67,7 +67,7 @@ LOST_PARAMETERS: Mapping[type[Lens], tuple[str, ...]] = MappingProxyType(
 CalibrationUnknowns: TypeAlias = Literal["optimised", "held"] | Sequence[str]
 """Which calibration parameters are unknown."""
 JOINED_PARAMETERS = {"cxcy": ["cx", "cy"], "k1k2k3": ["k1", "k2", "k3"], "p1p2": ["p1", "p2"]}
-"""Parameters of PhotoScan's flags before 1.2.4 that stand for several."""
+"""Parameters of PhotoScan's flags before 1.2.4 that represent several."""
 
 
 @dataclass(frozen=True)

@@ -105,7 +105,7 @@ class ZipArchive:
 
 @dataclass(frozen=True)
 class ElementPlace:
-    """An element and the file that it stands in."""
+    """An element and the file that contains it."""
 
     element: Element
     """The element."""

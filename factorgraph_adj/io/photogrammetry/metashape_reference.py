@@ -295,7 +295,7 @@ class ChunkContext:
     geoid: str | float | None = None
     """Geoid of a system with heights."""
     heights: Heights | None = None
-    """What heights are, where the system does not tell it."""
+    """What heights are, where the system does not state it."""
     accuracy: dict[str, float] = field(default_factory=dict)
     """Standard deviations of the chunk's settings and those that take their place."""
     reference: ChunkReference = field(default_factory=Local)

@@ -92,7 +92,7 @@ def _free(camera: Camera) -> list[str]:
 
 
 def _sensors(network: Network, refusals: Refusals) -> list[str]:
-    """Return the sensors; the parameters that are free stand in the settings of the chunk."""
+    """Return the sensors; the parameters that are free are in the settings of the chunk."""
     lines = [f'    <sensors next_id="{len(network.cameras)}">']
     flags = {tuple(sorted(_free(c))) for c in network.cameras.values()} - {()}
     if len(flags) > 1:

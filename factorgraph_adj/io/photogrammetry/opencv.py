@@ -148,7 +148,7 @@ def read_opencv(
     Args:
         path: the file.
         model: which of OpenCV's two models the coefficients belong to; None: ``fisheye_model`` of
-            the file tells it, and ``pinhole`` if it has none.
+            the file states it, and ``pinhole`` if it has none.
         sigma_px: standard deviation of the measured corners, pixels; the file has none.
         calibration: unknown parameters of a file with views: as in OpenCV's calibration, none, or
             names of the lens model, such as ``["c", "k1"]``.

@@ -221,7 +221,7 @@ def _matrix(node: JsonNode) -> Array:
 def _rig_poses(
     root: JsonNode, rigs: JsonNode, problems: Problems
 ) -> dict[str, tuple[Array, Array]]:
-    """Return the poses of shots that stand in rig instances: rig camera after instance."""
+    """Return the poses of shots in rig instances: rig camera after instance."""
     cameras: dict[str, tuple[Array, Array]] = {}
     listed = root.get("rig_cameras")
     for name, node in () if listed is None else listed.items():

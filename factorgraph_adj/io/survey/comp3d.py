@@ -48,7 +48,7 @@ from .comp3d_grid import (
 from .comp3d_sets import add_axis, add_baselines, add_equalities, add_subframe
 
 SINGLE_LINE_CODES = ("1", "3", "4", "5", "6", "7", "8", "9", "14", "15")
-"""Codes of observations that stand in one line."""
+"""Codes of observations in one line."""
 SET_FUNCTIONS = {
     "11": add_subframe,
     "12": add_subframe,
@@ -57,7 +57,7 @@ SET_FUNCTIONS = {
     "21": add_equalities,
     "22": add_equalities,
 }
-"""Codes of observations that stand in a file of their own."""
+"""Codes of observations in a file of their own."""
 SET_FILE_PLACES = {"11": (2, 1), "12": (2, 1), "19": (2, 1), "21": (1, 2), "22": (1, 2)}
 """Place of the name of the file in lines of sets, and number of points at the begin of its rows."""
 COMP3D_REFRACTION = 0.12

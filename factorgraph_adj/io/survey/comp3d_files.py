@@ -250,9 +250,9 @@ class Comp3dPoint:
     sigma: Array
     """Standard deviations (3,), metres; infinite where a component is free."""
     eta_xi: tuple[float, float] | None
-    """Deflection of the vertical, radians; none: not stated."""
+    """Deflection of the vertical, radians; None: not stated."""
     line: Comp3dLine
-    """Where it stands."""
+    """Its place in the file."""
 
 
 def read_points(

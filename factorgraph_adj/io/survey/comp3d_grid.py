@@ -151,7 +151,7 @@ def comp3d_grid_system(
     """Return the reference system of a project, or the one that the caller states for it.
 
     Raises:
-        InputError: PROJ does not know it, or what its heights are is not told.
+        InputError: PROJ does not know it, or the kind of its heights is not stated.
     """
     if isinstance(crs, ReferenceSystem):
         return crs.checked()

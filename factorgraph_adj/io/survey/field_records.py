@@ -70,7 +70,7 @@ class RecordField:
     read: Callable[[Field, Scales], Any]
     """Function that reads it."""
     key: str = ""
-    """Key of its word, where fields have keys; otherwise they stand in the order of the record."""
+    """Key of its word, where fields have keys; otherwise they are in the order of the record."""
     default: Any = None
     """Value of an absent field; `NEEDED`: it must not be absent."""
 

@@ -78,7 +78,7 @@ class DatabaseRow:
     values: Mapping[str, Any]
     """Values by column: numbers, text, truth values; None for NULL."""
     source: str
-    """Where the row stands."""
+    """Place of the row."""
 
 
 @dataclass
@@ -90,7 +90,7 @@ class DatabaseTable:
     columns: dict[str, str]
     """Type by column, in the order of the columns."""
     cached: bool
-    """Whether its rows stand in the file of cached tables."""
+    """Whether its rows are in the file of cached tables."""
     rows: list[DatabaseRow] = field(default_factory=list)
     """Its rows."""
 
@@ -205,7 +205,7 @@ class _LiteralError(str):
 
 
 def _typed(kind: str, value: Any) -> Any:
-    """Return a value of a column of a type; `_LiteralError` if it cannot stand there."""
+    """Return a value of a column of a type; `_LiteralError` if it is not allowed there."""
     wanted = _TYPES.get(kind)
     if value is None or wanted is None:
         return value

@@ -95,11 +95,11 @@ def read_jag3d(
     `factorgraph_adj.io.survey.jag3d_project.point_pairs`), settings of tests and of display; the
     options on σ and units have no effect.
 
-    Flat files have one group each. Names tell what they hold: the kinds are
+    Flat files have one group each. Names state what they hold: the kinds are
     ``reference_points_3d`` (also ``stochastic_``, ``datum_``, ``new_``; ``_1d``, ``_2d``),
     ``levelling``, ``directions``, ``horizontal_distances``, ``slope_distances``,
     ``zenith_angles``, ``gnss_1d``, ``gnss_2d``, ``gnss_3d``, and ``reference_deflections`` (also
-    ``stochastic_``, ``unknown_``); the words may stand anywhere in a name, German ones too
+    ``stochastic_``, ``unknown_``); the words may be anywhere in a name, German ones too
     (Festpunkte, Neupunkte, Richtungen, Schrägstrecken …). Rows without σ get σ² = a² + (part that
     depends on the length)². Default parts are those of JAG3D.
 
@@ -108,7 +108,7 @@ def read_jag3d(
 
     Args:
         path: the script of a project, a folder with flat files, a flat file, or a list of them.
-        kinds: what a file holds by its name, for names that do not tell it: one of the kinds, or
+        kinds: what a file holds by its name, for names that do not state it: one of the kinds, or
             other words that names of files may have, such as ``Festpunkte 3D``.
         length: unit of lengths in flat files.
         angle: unit of angles and of their σ in flat files.
@@ -131,7 +131,7 @@ def read_jag3d(
 
     Raises:
         InputError: all problems with file and line: malformed rows, unknown points and those of a
-            wrong dimension, points that stand twice, reference beside datum points, unknown scales
+            wrong dimension, points that occur twice, reference beside datum points, unknown scales
             and rotations of levelling, GNSS 1-D and 2-D, orientations that stations share,
             reductions to Gauß-Krüger, UTM and ellipsoidal systems, damaged databases.
     """
@@ -198,8 +198,8 @@ def read_jag3d(
 def is_jag3d(path: Path) -> bool:
     """Return whether a file is a project of JAG3D or a flat file, or a folder has flat files.
 
-    Flat files are told by their names. In a folder most names tell what the file holds, of two
-    kinds at least; a name that does not is a problem of the reader.
+    Flat files are recognised by their names. In a folder most names state what the file holds,
+    of two kinds at least; a name that does not is a problem of the reader.
     """
     if not path.is_dir():
         named = path.suffix.casefold() == ".txt" and flat_file_kind(path) is not None

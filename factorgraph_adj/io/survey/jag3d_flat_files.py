@@ -89,7 +89,7 @@ FLAT_FILE_SUFFIXES = (".txt", ".dat", ".pts", ".obs", ".csv")
 
 
 def flat_file_kind(path: Path) -> str | None:
-    """Return what a file holds by its name; None if the name does not tell it."""
+    """Return what a file holds by its name; None if the name does not state it."""
     stem = re.sub(r"[\s_\-]+", "", path.stem.casefold())
     found = [k for k, words in STATUS_WORDS.items() if any(w in stem for w in words)]
     if any(w in stem for w in DEFLECTION_WORDS):

@@ -115,7 +115,7 @@ class PointRow:
     sigma: tuple[float, float, float]
     """Standard deviations of a stochastic point, metres; NaN: not stated."""
     source: str
-    """Where it stands."""
+    """Its place in the file."""
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ class ObservationRow:
     sigma: tuple[float, ...]
     """Standard deviations; NaN: those of the group."""
     source: str
-    """Where it stands."""
+    """Its place in the file."""
     ih: float = 0.0
     """Height of the instrument, metres."""
     th: float = 0.0
@@ -171,7 +171,7 @@ class ObservationGroup:
     extras: Mapping[str, GroupParameter] = field(default_factory=dict)
     """Additional parameters by name."""
     source: str = ""
-    """Where the group stands."""
+    """Place of the group."""
 
     def extra(self, name: str) -> GroupParameter:
         """Return a parameter; one that is not stated is held where it has no effect."""
@@ -191,7 +191,7 @@ class Deflection:
     free: bool
     """Whether they are estimated."""
     source: str
-    """Where it stands."""
+    """Its place in the file."""
 
 
 @dataclass(frozen=True)

@@ -379,7 +379,7 @@ def _has_valid_ends(made: Conversion, group: ObservationGroup, row: ObservationR
 
 
 def groups_with_set_names(groups: Sequence[ObservationGroup]) -> list[ObservationGroup]:
-    """Return the groups with names of which none stands twice."""
+    """Return the groups with names, each of which occurs once."""
     seen: dict[str, int] = {}
     out = []
     for group in groups:

@@ -108,7 +108,7 @@ def point_pairs(path: str | Path) -> dict[str, str]:
         Names in the control epoch by names in the reference epoch.
 
     Raises:
-        InputError: the project is damaged, or a point stands in two pairs.
+        InputError: the project is damaged, or a point is in two pairs.
     """
     script = Path(path).with_suffix(".script")
     groups, pairs = "CongruenceAnalysisGroup", "CongruenceAnalysisPointPairApriori"

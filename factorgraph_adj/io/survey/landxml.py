@@ -266,7 +266,7 @@ class _Reader:
             distance=number(o, "slopeDistance") or None,
             horizontal=number(o, "horizDistance") or None,
             target_height=number(o, "targetHeight") or 0.0,
-            # Where the zenith reading tells the face, writers do not agree on directFace.
+            # Where the face follows from the zenith reading, writers do not agree on directFace.
             face=None if zenith is not None else face,
         )
 

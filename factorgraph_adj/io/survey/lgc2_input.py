@@ -41,7 +41,7 @@ POINT_KEYWORDS = {"CALA": "xyz", "POIN": "", "VXY": "z", "VXZ": "y", "VZ": "xy"}
 """Components that are held, by the keyword of the block of points."""
 INSTRUMENT_KEYWORDS = ("POLAR", "EDM", "SCALE", "CAMD", "HLSR", "WPSR", "INCL")
 STATION_BLOCKS = ("ANGL", "ZEND", "DIST", "ECTH", "UVEC", "UVD")
-"""Blocks of a station, whose name and instrument stand in the block of the station."""
+"""Blocks of a station, whose name and instrument are in the block of the station."""
 SINGLE_BLOCKS = ("ECVE", "ECSP", "DSPT", "ECWI", "ECWS", "INCLY", "ROLLY", "OBSXYZ", "PDOR")
 STATION_KEYWORDS = ("TSTN", "CAM")
 KEYWORDS_WITHOUT_WORDS = ("OLOC", "SPHE", "LEP", "ENDFRAME", "INSTR", "V0", "END")
@@ -170,7 +170,7 @@ class FrameNode:
     name: str
     """Name."""
     parent: FrameNode | None
-    """The frame in which it is stated; none: it is the root."""
+    """The frame in which it is stated; None: it is the root."""
     rotation: Array
     """Rotation (3, 3) from the frame to its parent."""
     translation: Array
@@ -178,7 +178,7 @@ class FrameNode:
     free: tuple[str, ...] = ()
     """Components that are free, of `FRAME_COMPONENTS`."""
     row: InputWords | None = None
-    """Where it stands."""
+    """Its place in the file."""
 
     @property
     def joined(self) -> bool:
@@ -215,7 +215,7 @@ class ObservationBlock:
     head: InputWords
     """Words behind the keyword; of blocks at a station, its name and instrument before them."""
     node: FrameNode
-    """The frame in which it stands."""
+    """The frame that contains it."""
     rows: list[InputWords]
     """Its lines."""
 
@@ -225,13 +225,13 @@ class StatedPoint:
     """A point of the input."""
 
     node: FrameNode
-    """The frame in which it stands."""
+    """The frame that contains it."""
     at: Array
     """Coordinates in that frame, (3,), metres; those of the root are cartesian."""
     kind: str
     """Keyword of its block, of `POINT_KEYWORDS`."""
     row: InputWords
-    """Where it stands."""
+    """Its place in the file."""
 
 
 def frame_rotation(omega: float, phi: float, kappa: float) -> Array:

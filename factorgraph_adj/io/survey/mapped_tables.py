@@ -57,7 +57,7 @@ TEXT_COLUMNS = (
     "axes",
     "photo",
 )
-"""Columns that are no numbers: a decimal comma is not looked for in them."""
+"""Columns that are no numbers: a decimal comma is not searched for in them."""
 MAPPING_KEYS = (
     "delimiter",
     "decimal",
@@ -107,7 +107,7 @@ class ColumnMap:
     """How a table is read."""
 
     delimiter: str | None = None
-    """Character between cells; None: the header tells it."""
+    """Character between cells; None: it follows from the header."""
     decimal: str = "."
     """Decimal point or comma."""
     encoding: str = "utf-8-sig"
@@ -231,7 +231,7 @@ def read_columns(
       instrument_height, target_height: a field book, whose faces are reduced;
     - ``observations``: kind and the columns of this kind in observations.csv.
 
-    Keys beside them: ``delimiter`` (told by the header if absent), ``decimal`` (``.`` or ``,``),
+    Keys beside them: ``delimiter`` (from the header if absent), ``decimal`` (``.`` or ``,``),
     ``encoding``, ``header`` (line of the header; 0: none, columns are named 1, 2, …), ``axes`` (en
     or ne: what x and y are; default en), ``units`` (length, angle) and ``sigma``, standard
     deviations by kind as in project.toml. Columns of the file that are not mapped are not read.

@@ -341,7 +341,7 @@ class _Reader:
             self.side_shots.append(SideShot(line, names[-1], made))
 
     def _in_reverse(self, line: int, given: dict[str, tuple[str, str | None]]) -> bool:
-        """Return whether the zenith angle of a line tells that its circles were read in face 2."""
+        """Return whether the zenith angle of a line shows that its circles were read in face 2."""
         text = given.get("vertical", ("?", None))[0]
         if text == "?" or self._mode(line) == "horizontal":
             return False

@@ -98,7 +98,7 @@ def star_net_grid_system(crs: ReferenceSystem | str, geoid: str | float | None) 
     """Return the reference system of a project.
 
     Raises:
-        InputError: PROJ does not know it, it has no grid, or its heights are not told.
+        InputError: PROJ does not know it, it has no grid, or the kind of its heights is not stated.
     """
     if isinstance(crs, ReferenceSystem):
         system = crs.checked()

@@ -180,7 +180,7 @@ def star_net_options(
 
 
 def _checked_settings(given: Mapping[str, Any], where: str) -> StarNetOptions:
-    """Return settings; ``where`` is told with what is wrong."""
+    """Return settings; ``where`` is named in messages."""
     valid = [f.name for f in fields(StarNetOptions)]
     problems = [
         Problem(f"unknown setting {k!r}; valid: {known(valid, meant=k, most=30)}", where)

@@ -146,7 +146,7 @@ class _Writer:
             self.refuse(f"names of which some have each of {NAME_SEPARATORS}", self.network.name)
 
     def _control(self) -> None:
-        """Find the control points of a grid, whose standard errors stand in C lines."""
+        """Find the control points of a grid, whose standard errors are in C lines."""
         if self.grid is None:
             return
         for o in self.network.observations.values():
