@@ -177,7 +177,7 @@ def test_predictions_begin_at_the_look_and_grow_with_the_movement():
     drift = LinearisationDrift(nothing, 0.01, 0.02, 2.0, 0.5, 0.01, 2.0, 3.0, nothing)
     assert drift.predicted(0.0, 3.0) == (0.01, 0.02)
     assert drift.predicted(1.0, 3.0) == pytest.approx((0.01 + 0.5 * (9.0 - 4.0), 0.02 * 1.5))
-    anew = drift.anew()
+    anew = drift.renewed()
     assert anew.predicted(1.0, 1.0) == pytest.approx((0.5, 0.01))
     assert anew.direction is None
 
@@ -188,7 +188,7 @@ def test_predictions_of_t_follow_the_angle_between_the_movements():
     drift = LinearisationDrift(nothing, 0.0, 0.03, 2.0, 0.0, 0.02, 2.0, 1.0, nothing)
     for cosine, t in ((1.0, 0.07), (0.5, np.sqrt(9 + 12 + 16) / 100), (0.0, 0.05), (-1.0, 0.05)):
         assert drift.predicted(2.0, 1.0, cosine * 4.0)[1] == pytest.approx(t)
-    assert drift.anew().predicted(2.0, 1.0, 0.0)[1] == pytest.approx(0.04)
+    assert drift.renewed().predicted(2.0, 1.0, 0.0)[1] == pytest.approx(0.04)
 
 
 def test_predicted_steps_are_at_least_half_of_those_of_one_direction():
@@ -217,7 +217,7 @@ def test_predictions_far_beyond_what_was_seen_are_enlarged():
         plain = np.array((0.01 + 0.5 * (length**2 - 4.0), 0.02 + 0.01 * (length - 2.0)))
         assert drift.predicted(length - 2.0, 1.0) == pytest.approx(plain * by**2)
         plain = np.array((0.5 * length**2, 0.01 * length))
-        assert drift.anew().predicted(length, 1.0) == pytest.approx(plain * by**2)
+        assert drift.renewed().predicted(length, 1.0) == pytest.approx(plain * by**2)
     unseen = LinearisationDrift(nothing, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, nothing)
     assert unseen.predicted(0.0, 1.0) == (0.0, 0.0)
     assert unseen.predicted(0.1, 1.0) == (np.inf, np.inf)
