@@ -6,22 +6,18 @@ results.json has metres, radians and image units throughout.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
-from math import isfinite
 from pathlib import Path
 
 import numpy as np
 
 from ..control_characters import escaped
 from ..errors import known
-from ..graph.variables import camera_of_calibration
 from ..io.csv_tables import write_columns, write_table
 from ..io.file_transaction import write_files
 from ..io.numbers import Units
-from ..models.unknown_registry import UNKNOWNS, VariableKind
+from ..models.unknown_registry import UNKNOWNS
 from ..parts.solution import PartResult, PartsSolution
-from ..quality.derived_quantities import place_of_frame
 from ..solve.solution import Solution
 from ..statistical_tests import global_test
 from ..units import MILLIMETRE, decimal
@@ -35,7 +31,7 @@ from .adjusted_points import points_table
 from .adjustment_report import Report
 from .data_snooping import snooping_csv
 from .doubtful_results import unknowns_left_out
-from .frames_and_shapes import measured_frames, shapes_table
+from .frames_and_shapes import shapes_table
 from .layout import LINE_WIDTH, figure, figures, paragraph, table, title
 from .misfit_causes import unit_of_error, variance_components_table
 from .observation_rows import ReportRows, all_digits
@@ -43,16 +39,12 @@ from .options import Provenance, ReportOptions, Run
 from .results_json import results_text
 from .tables import as_csv
 from .text import NO_REDUNDANCY, global_test_text, render_text, run_lines
-from .unknowns import unknown_components
+from .unknowns import unknowns_table
 
 MAX_REPEATED_LISTED = 20
 """Largest number of repeated observations that a protocol lists."""
 MEGABYTE = 1e6
 """Bytes of a megabyte."""
-UNKNOWN_COLUMNS = (
-    *("kind", "name", "component", "value", "sigma", "unit", "state"),
-    *("t", "significant"),
-)
 GIVEN_VALUE_COLUMNS = (
     *("kind", "name", "component", "error", "sigma", "unit", "w"),
     *("t2_together", "dof_together"),
@@ -318,7 +310,7 @@ def write_tables(report: Report, folder: str | Path) -> None:
         files["variance_components.csv"] = as_csv(found)
     if not report.singular:
         files["points.csv"] = as_csv(points_table(report))
-        files["unknowns.csv"] = write_table(UNKNOWN_COLUMNS, _unknowns(report))
+        files["unknowns.csv"] = as_csv(unknowns_table(report))
         if report.network.photos:
             files["photos.csv"] = as_csv(photos_table(report))
     write_files(folder, files)
@@ -345,65 +337,3 @@ def _given_table(report: Report) -> str:
             cells = (v.kind, v.name, component, error, sigma, symbol, w, t2, dof)
             rows.append(dict(zip(GIVEN_VALUE_COLUMNS, cells, strict=True)))
     return write_table(GIVEN_VALUE_COLUMNS, rows)
-
-
-def _unknowns(report: Report) -> Iterator[dict[str, str]]:
-    """Iterate over calibrations, orientation unknowns and small unknowns, by component."""
-    for name in report.calibrations:
-        camera = camera_of_calibration(report.network, name)
-        e = report.calibrations[name]
-        for i, parameter in enumerate(e.names):
-            weighted = isfinite(camera.sigma[i]) and not camera.fixed[i]
-            state = "held" if camera.fixed[i] else "weighted" if weighted else "free"
-            yield {
-                "kind": "calibration",
-                "name": name,
-                "component": parameter,
-                "value": all_digits(float(e.values[i])),
-                "sigma": figure(float(e.sigmas[i])),
-                "unit": camera.unit,
-                "state": state,
-                **_test(report, "calibration", name, parameter),
-            }
-    for (station, chosen), given in report.network.orientations.items():
-        found = report.solution.orientation(station, chosen)
-        yield {
-            "kind": "orientation",
-            "name": f"{station}/{chosen}",
-            "component": "orientation",
-            "value": all_digits(float(found.values[0]), "rad"),
-            "sigma": figure(float(found.sigmas[0])),
-            "unit": "rad",
-            "state": "held" if given.fixed[0] else "free",
-        }
-    for u in unknown_components(report):
-        yield {
-            "kind": u.kind,
-            "name": u.name,
-            "component": u.component,
-            "value": all_digits(u.value, u.unit),
-            "sigma": figure(u.sigma / u.size),
-            "unit": u.unit,
-            "state": u.state,
-            **_test(report, u.kind, u.name, u.component),
-        }
-    length = report.units.length
-    for name in measured_frames(report):
-        place = place_of_frame(report.solution, name)
-        for component, value, sigma in zip(place.names, place.values, place.sigmas, strict=True):
-            yield {
-                "kind": "frame",
-                "name": name,
-                "component": component,
-                "value": all_digits(float(value), length),
-                "sigma": figure(float(sigma) / report.metre),
-                "unit": length,
-                "state": "computed" if sigma > 0 else "held",
-            }
-
-
-def _test(report: Report, kind: VariableKind, name: str, component: str) -> dict[str, str]:
-    tested = report.tested(kind, name, component)
-    if tested is None:
-        return {}
-    return {"t": figure(tested.t), "significant": "yes" if tested.significant else "no"}

@@ -29,7 +29,7 @@ from .doubtful_results import notes_of_network, notes_of_solution
 from .epochs_report import EpochsReport
 from .layout import finite_json, json_text
 from .tables import as_json, as_json_by_name, as_json_columns
-from .unknowns import orientations_table, unknown_components
+from .unknowns import calibration_table, orientations_table, others_table
 
 RESULTS_FORMAT = 3
 """Version of results.json; it grows with every change that a reader could stumble over."""
@@ -261,16 +261,7 @@ def _unknown_values(report: Report) -> dict[str, Any]:
         "photos": as_json_by_name(photos_table(report)),
         "calibrations": {name: _calibration(report, name) for name in report.calibrations},
         "orientations": as_json(orientations_table(report)),
-        "others": [
-            {
-                "kind": u.kind,
-                "name": u.name,
-                "component": u.component,
-                "value": u.value,
-                "sigma": u.sigma,
-            }
-            for u in unknown_components(report)
-        ],
+        "others": as_json(others_table(report)),
     }
 
 
@@ -281,9 +272,7 @@ def _calibration(report: Report, name: str) -> dict[str, Any]:
         "lens": camera.lens.kind,
         "y_axis": "down" if camera.y_down_in_files else "up",
         "unit": e.unit,
-        "parameters": list(e.names),
-        "values": e.values.tolist(),
-        "sigma": e.sigmas.tolist(),
+        **as_json_columns(calibration_table(report, name)),
         "correlation": e.correlation.tolist(),
     }
 

@@ -117,7 +117,7 @@ class ArrayRows(Sequence[Row]):
     """
 
     fields: Mapping[str, np.ndarray[Any, Any]]
-    """Fields of the rows, (n,) each, by name; the number is one of them."""
+    """Fields of the rows, (n,) each, by name."""
     make: Callable[[], Sequence[Row]]
     """Function that returns all rows."""
 
@@ -136,7 +136,7 @@ class ArrayRows(Sequence[Row]):
         )
 
     def __len__(self) -> int:
-        return len(self.fields["number"])
+        return len(next(iter(self.fields.values())))
 
     @overload
     def __getitem__(self, at: int) -> Row: ...

@@ -1,20 +1,40 @@
-"""Sections of calibrations, inseparable parameters, orientations, refraction, other unknowns."""
+"""Calibrations, orientations, refraction, other unknowns: tables, sections; inseparable parameters.
+
+`unknown_columns` has the figures of every unknown but points and photos: a figure that is added
+there appears in the text, the page, unknowns.csv, results.json and the data frame.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from math import isfinite
-from typing import Literal
+from math import isfinite, nan
+from typing import Any, Literal, TypeAlias
 
+from ..columns import Columns
 from ..entities import Camera, Parameter, parameter_name
 from ..graph.variables import camera_of_calibration
 from ..models.unknown_registry import UNKNOWNS, Quantity, VariableKind, parameter_kinds
+from ..quality.derived_quantities import place_of_frame
 from ..quality.parameter_significance import TestedParameter
-from ..units import ANGLE, decimal, decimal_angle
+from ..solve.estimates import unknown_arrays
+from ..solve.solution import Solution
+from ..units import ANGLE, decimal_angle
 from .adjustment_report import Report
-from .layout import paragraph, percent, short, table, title, with_sigma
-from .tables import Column, Table, Unit, as_text, unit_of
+from .frames_and_shapes import measured_frames
+from .layout import paragraph, percent, title, with_sigma
+from .tables import (
+    DATA,
+    NUMBER,
+    READ,
+    ArrayRows,
+    Column,
+    Table,
+    Unit,
+    as_frame,
+    as_text,
+    unit_of,
+)
 
 MAX_WARNINGS_LISTED = 10
 """Largest number of listed warnings."""
@@ -28,6 +48,274 @@ STRONG_CORRELATION = 0.8
 """Smallest absolute correlation of calibration parameters that is reported as strong."""
 MAX_COMPONENTS_HELD_SHOWN = 2
 """Number of components of an unknown up to which those that are held at zero are shown."""
+NUMBER_OF_INTERIOR_ORIENTATION = 3
+"""Number of parameters, c, x0, y0, that tables of calibrations have even where they are zero."""
+
+State: TypeAlias = Literal["held", "weighted", "free", "computed"]
+"""What a component of an unknown is; computed: it follows from other unknowns."""
+
+
+# -- components -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class UnknownComponent:
+    """One component of an unknown besides points and photos, as a row of tables."""
+
+    kind: VariableKind
+    """Kind of the unknown."""
+    name: str
+    """Name of the unknown; empty for the refraction of the network."""
+    component: str
+    """Component, named as in the state."""
+    value: float
+    """Estimate, SI or image units."""
+    sigma: float
+    """Standard deviation, SI or image units."""
+    held: bool
+    """Whether the component was held."""
+    state: State = "free"
+    """What the component is."""
+    unit: Unit = NUMBER
+    """Unit in which the component is shown."""
+    sign: str = ""
+    """Symbol of the component in surveying."""
+    given: float = nan
+    """Value that was given."""
+    power: int = 0
+    """Power of the unit of time by which ``unit`` is divided."""
+
+    @property
+    def known(self) -> bool:
+        """Whether the component has no standard deviation.
+
+        A held turn keeps its component of the rotation vector only where the others are held.
+        """
+        return self.held and self.sigma == 0
+
+
+def _state(given: Parameter | Camera, i: int) -> State:
+    if given.fixed[i]:
+        return "held"
+    return "weighted" if isfinite(given.sigma[i]) else "free"
+
+
+def calibration_components(report: Report, name: str) -> list[UnknownComponent]:
+    """Return the parameters of a calibration."""
+    camera, e = camera_of_calibration(report.network, name), report.calibrations[name]
+    return [
+        UnknownComponent(
+            "calibration",
+            name,
+            parameter,
+            float(e.values[i]),
+            float(e.sigmas[i]),
+            camera.fixed[i],
+            _state(camera, i),
+            Unit(camera.unit),
+            parameter,
+            float(camera.values[i]),
+        )
+        for i, parameter in enumerate(e.names)
+    ]
+
+
+def unknown_components(report: Report) -> Iterator[UnknownComponent]:
+    """Iterate over the components of all parameters but calibrations and orientation unknowns.
+
+    Those that are coordinates or rotations of any size are in the unit of observed values.
+    """
+    network, solution, units = report.network, report.solution, report.units
+    shown: dict[Quantity, Unit] = {
+        "angle": Unit(units.sigma_angle, report.radian),
+        "length": Unit(units.sigma_length, report.small),
+        "ppm": Unit("ppm", 1e-6),
+        "number": NUMBER,
+    }
+    angle = decimal_angle(units.angle)
+    whole = {
+        **shown,
+        "angle": Unit(angle, ANGLE[angle]),
+        "length": Unit(units.length, report.metre),
+    }
+    for kind in parameter_kinds():
+        if kind.name == "orientation":
+            continue  # orientation unknowns have a table of their own
+        for key, parameter in network.of_kind(kind.name).items():
+            name = parameter_name(key)
+            e = solution.unknown(kind.name, name)
+            for i, component in enumerate(kind.components[: len(parameter.values)]):
+                yield UnknownComponent(
+                    kind.name,
+                    name,
+                    component.name,
+                    float(e.values[i]),
+                    float(e.sigmas[i]),
+                    parameter.fixed[i],
+                    _state(parameter, i),
+                    (whole if component.whole else shown)[component.quantity],
+                    component.sign or component.name,
+                    parameter.values[i],
+                    component.power,
+                )
+
+
+def _orientation_components(report: Report) -> Iterator[UnknownComponent]:
+    for (station, chosen), given in report.network.orientations.items():
+        e = report.solution.orientation(station, chosen)
+        yield UnknownComponent(
+            "orientation",
+            f"{station}/{chosen}",
+            "orientation",
+            float(e.values[0]),
+            float(e.sigmas[0]),
+            given.fixed[0],
+            _state(given, 0),
+            Unit("rad"),
+        )
+
+
+def _frame_places(report: Report) -> Iterator[UnknownComponent]:
+    """Iterate over the coordinates of the places of frames in the network."""
+    metre = Unit(report.units.length, report.metre)
+    for name in measured_frames(report):
+        place = place_of_frame(report.solution, name)
+        for component, value, sigma in zip(place.names, place.values, place.sigmas, strict=True):
+            state: State = "computed" if sigma > 0 else "held"
+            figures = float(value), float(sigma)
+            yield UnknownComponent("frame", name, component, *figures, not sigma > 0, state, metre)
+
+
+# -- tables ---------------------------------------------------------------------------------------
+
+
+def unknown_columns(report: Report) -> list[Column[UnknownComponent]]:
+    """Return the columns of values, standard deviations and tests of unknowns."""
+
+    def tested(u: UnknownComponent) -> TestedParameter | None:
+        return report.tested(u.kind, u.name, u.component)
+
+    def of_test(name: str) -> Callable[[UnknownComponent], float | bool | None]:
+        return lambda u: getattr(tested(u), name, None)
+
+    def read(name: str) -> Callable[[UnknownComponent], Any]:
+        """Return a function for readers: c, x0, y0 without a given σ are compared with nothing."""
+
+        def figure(u: UnknownComponent) -> Any:
+            found = tested(u)
+            told = found is not None and (found.additional or found.weighted)
+            return getattr(found, name) if told else None
+
+        return figure
+
+    def verdict(u: UnknownComponent) -> str | None:
+        words = {True: "significant", False: "not significant", None: None}
+        return words[read("significant")(u)]
+
+    def value(u: UnknownComponent) -> str:
+        shown, sigma = u.value / u.unit.size, u.sigma / u.unit.size
+        return f"{shown + 0.0:.8g}" if u.known else with_sigma(shown, sigma)
+
+    state = Column[UnknownComponent](title="state", value="state", translated=True)
+    return [
+        Column(title="value", value="value", unit=_unit, shown=value, exact=True),
+        Column(
+            title="σ",
+            key="sigma",
+            value="sigma",
+            unit=_unit,
+            shown=lambda u: "held" if u.known else None,
+            translated=True,
+        ),
+        Column(title="unit", value=lambda u: u.unit.name, only=("html", "csv")),
+        replace(state, only=("html", "csv")),
+        Column(title="t", value=of_test("t"), only=("csv",)),
+        Column(title="t", value=read("t"), digits=2, help="t", only=READ),
+        replace(state, only=("text",), shown=lambda u: u.state if u.state == "weighted" else ""),
+        Column(title="verdict", value=verdict, translated=True, only=READ),
+        Column(title="significant", value=of_test("significant"), only=("csv",)),
+        Column(title="held", value="held", only=("frame",)),
+    ]
+
+
+def _unit(u: UnknownComponent) -> Unit:
+    return u.unit
+
+
+def _named_columns(report: Report) -> list[Column[UnknownComponent]]:
+    """Return the columns of tables with unknowns of several names."""
+
+    def label(u: UnknownComponent) -> str:
+        return f"{u.sign} [{u.unit.name}{_PER[u.power]}]" if u.unit.name else u.sign
+
+    return [
+        Column(title="unknown", value=_title, only=("text",)),
+        Column(title="", value=label, only=("text",)),
+        Column(
+            title="kind",
+            value=lambda u: UNKNOWNS[u.kind].title,
+            translated=True,
+            only=("html",),
+        ),
+        Column(title="kind", value="kind", only=DATA),
+        Column(title="name", value="name", only=("html", *DATA)),
+        Column(title="component", value="component", only=DATA),
+        Column(title="parameter", value="sign", only=("html",)),
+        *unknown_columns(report),
+    ]
+
+
+def _title(u: UnknownComponent) -> str:
+    return f"{UNKNOWNS[u.kind].title} {u.name}".strip()
+
+
+def others_table(report: Report) -> Table[UnknownComponent]:
+    """Return the table of all unknowns but points, photos, calibrations and orientations."""
+    return Table("others", list(unknown_components(report)), _named_columns(report))
+
+
+def unknowns_table(report: Report) -> Table[UnknownComponent]:
+    """Return the table of all unknowns but points and photos, and of the places of frames."""
+    calibrations = [u for name in report.calibrations for u in calibration_components(report, name)]
+    further = (*_orientation_components(report), *unknown_components(report))
+    rows = [*calibrations, *further, *_frame_places(report)]
+    return Table("unknowns", rows, _named_columns(report))
+
+
+def unknown_frame(solution: Solution) -> Columns:
+    """Return all unknowns but points and photos as arrays, in the axes of the network."""
+    rows = ArrayRows.of(UnknownComponent, **unknown_arrays(solution))
+    return as_frame(Table("unknowns", rows, _named_columns(Report(solution))))
+
+
+def calibration_table(report: Report, name: str) -> Table[UnknownComponent]:
+    """Return the table of a calibration."""
+
+    def change(u: UnknownComponent) -> float | None:
+        known = u.held or not u.sigma > 0
+        return None if known else (u.value - u.given) / u.sigma
+
+    value, sigma, _, *others = unknown_columns(report)
+    moved = Column[UnknownComponent](
+        title="change", value=change, digits=1, help="change", only=("html",)
+    )
+    parameter = Column[UnknownComponent](title="parameter", key="parameters", value="component")
+    # One unit is that of the image; objects of JSON have lists.
+    columns = [parameter, replace(value, key="values"), sigma, moved, *others]
+    return Table("calibration", calibration_components(report, name), columns)
+
+
+def without_absent(made: Table[UnknownComponent]) -> Table[UnknownComponent]:
+    """Return a calibration without the distortions that are held at zero."""
+    rows = [
+        u
+        for i, u in enumerate(made.rows)
+        if i < NUMBER_OF_INTERIOR_ORIENTATION or not u.held or u.value != 0
+    ]
+    return replace(made, rows=rows)
+
+
+# -- sections -------------------------------------------------------------------------------------
 
 
 def calibrations_section(report: Report) -> list[str]:
@@ -35,22 +323,14 @@ def calibrations_section(report: Report) -> list[str]:
     names, few = list(report.calibrations), max(1, report.options.most // 10)
     out: list[str] = []
     for name in names[:few]:
-        camera = camera_of_calibration(report.network, name)
-        out += ["", *_calibration(report, name, camera)]
+        out += ["", *_calibration(report, name)]
     if len(names) > few:
         out += ["", f"  … {len(names) - few} more calibrations in {report.where('unknowns.csv')}"]
     return out[1:]
 
 
-def _calibration(report: Report, name: str, camera: Camera) -> list[str]:
-    estimate, rows = report.calibrations[name], []
-    for i, parameter in enumerate(estimate.names):
-        value, sigma = float(estimate.values[i]), float(estimate.sigmas[i])
-        if not camera.fixed[i]:
-            t, verdict = _verdict(report.tested("calibration", name, parameter))
-            rows.append([parameter, with_sigma(value, sigma), f"{sigma:.2g}", t, verdict])
-        elif value != 0.0 or i < 3:
-            rows.append([parameter, f"{value + 0.0:.8g}", "held", "", ""])
+def _calibration(report: Report, name: str) -> list[str]:
+    estimate, camera = report.calibrations[name], camera_of_calibration(report.network, name)
     free = [i for i, held in enumerate(camera.fixed) if not held]
     strong = [
         f"{estimate.names[i]}–{estimate.names[j]} {estimate.correlation[i, j]:+.2f}"
@@ -59,34 +339,22 @@ def _calibration(report: Report, name: str, camera: Camera) -> list[str]:
         if abs(estimate.correlation[i, j]) >= STRONG_CORRELATION
     ]
     out = title(f"Calibration of {name} (lens model {camera.lens.kind}; image unit {camera.unit})")
-    tested = any(r[3] for r in rows)
-    header = ["parameter", "value", "σ", *(["t"] if tested else []), ""]
-    out += table(header, rows if tested else [[*r[:3], r[4]] for r in rows])
+    shown = as_text(without_absent(calibration_table(report, name)))
+    out += shown
     if len(free) > 1:
         out.append(f"  correlations from {STRONG_CORRELATION}: {', '.join(strong) or 'none'}")
-    if tested:
-        out.append(_meaning(report))
-    return out
+    return [*out, *_meaning(report, shown)]
 
 
-def _verdict(tested: TestedParameter | None) -> tuple[str, str]:
-    """Return t and its verdict; empty for principal distance and point without a given σ."""
-    if tested is None or not (tested.additional or tested.weighted):
-        return "", ""
-    if tested.weighted:
-        words = "weighted, differs from what was given" if tested.significant else "weighted"
-    else:
-        words = "significant" if tested.significant else "not significant"
-    return decimal(tested.t, 2), words
-
-
-def _meaning(report: Report) -> str:
+def _meaning(report: Report, shown: list[str]) -> list[str]:
+    """Return what t and its verdict are, if the lines of a table show them."""
     found = report.significance
-    assert found is not None
-    return (
+    if found is None or "verdict" not in shown[0]:
+        return []
+    return [
         f"  t against 0, or what was given if weighted: significant from {found.critical:.2f} "
         f"({percent(1 - found.alpha)})"
-    )
+    ]
 
 
 def overparametrised_section(report: Report) -> list[str]:
@@ -161,111 +429,24 @@ def orientations_section(report: Report) -> list[str]:
     return [*title("Orientation unknowns"), *as_text(replace(made, rows=rows)), *note]
 
 
-@dataclass(frozen=True)
-class UnknownComponent:
-    """One component of an unknown such as refraction, a vertical or a distance meter."""
-
-    kind: VariableKind
-    """Kind of the unknown."""
-    name: str
-    """Name of the unknown; empty for the refraction of the network."""
-    component: str
-    """Component, named as in the state."""
-    sign: str
-    """Symbol of the component in surveying."""
-    unit: str
-    """Unit in which the component is shown."""
-    size: float
-    """Size of ``unit`` in SI."""
-    value: float
-    """Estimate, SI."""
-    sigma: float
-    """Standard deviation, SI."""
-    power: int
-    """Power of the unit of time by which ``unit`` is divided."""
-    state: Literal["held", "weighted", "free"]
-    """Whether the component was held, weighted or free."""
-
-
-def unknown_components(report: Report) -> Iterator[UnknownComponent]:
-    """Iterate over the components of all parameters but orientation unknowns.
-
-    Those that are coordinates or rotations of any size are in the unit of observed values.
-    """
-    network, solution, units = report.network, report.solution, report.units
-    shown: dict[Quantity, tuple[str, float]] = {
-        "angle": (units.sigma_angle, report.radian),
-        "length": (units.sigma_length, report.small),
-        "ppm": ("ppm", 1e-6),
-        "number": ("", 1.0),
-    }
-    angle = decimal_angle(units.angle)
-    whole: dict[Quantity, tuple[str, float]] = {
-        **shown,
-        "angle": (angle, ANGLE[angle]),
-        "length": (units.length, report.metre),
-    }
-    for kind in parameter_kinds():
-        if kind.name == "orientation":
-            continue  # orientation unknowns have a table of their own
-        for key, parameter in network.of_kind(kind.name).items():
-            name = parameter_name(key)
-            e = solution.unknown(kind.name, name)
-            for i, component in enumerate(kind.components[: len(parameter.values)]):
-                unit, size = (whole if component.whole else shown)[component.quantity]
-                yield UnknownComponent(
-                    kind.name,
-                    name,
-                    component.name,
-                    component.sign or component.name,
-                    unit,
-                    size,
-                    float(e.values[i]),
-                    float(e.sigmas[i]),
-                    component.power,
-                    _state(parameter, i),
-                )
-
-
-def _state(parameter: Parameter, i: int) -> Literal["held", "weighted", "free"]:
-    if parameter.fixed[i]:
-        return "held"
-    return "weighted" if isfinite(parameter.sigma[i]) else "free"
-
-
 def other_unknowns_section(report: Report) -> list[str]:
     """Return refraction, deflections of the vertical, distance meters and further kinds."""
-    rows, shown_ones = [], []
     of_shapes = {(size.kind, size.name) for one in report.shapes for size in one.sizes}
-    found = [
-        u
-        for u in unknown_components(report)
-        if u.kind not in _APART and (u.kind, u.name) not in of_shapes
-    ]
-    for u in found:
-        if u.state == "held" and u.value == 0 and UNKNOWNS[u.kind].size > MAX_COMPONENTS_HELD_SHOWN:
-            continue
-        shown_ones.append(u)
-        value, sigma = u.value / u.size, u.sigma / u.size
-        # A held turn keeps its component of the rotation vector only where the others are held.
-        still = u.state == "held" and sigma == 0
-        shown = f"{value + 0.0:.5g}" if still else with_sigma(value, sigma)
-        label = f"{u.sign} [{u.unit}{_PER[u.power]}]" if u.unit else u.sign
-        what = f"{UNKNOWNS[u.kind].title} {u.name}".strip()
-        test = _verdict(report.tested(u.kind, u.name, u.component))
-        rows.append([what, label, shown, "held" if still else short(sigma), *test])
+
+    def listed(u: UnknownComponent) -> bool:
+        absent = u.held and u.value == 0 and UNKNOWNS[u.kind].size > MAX_COMPONENTS_HELD_SHOWN
+        return u.kind not in _APART and (u.kind, u.name) not in of_shapes and not absent
+
+    made = others_table(report)
+    rows = [u for u in made.rows if listed(u)]
     if not rows:
         return []
-    shown_rows, note = report.cut(rows, "unknowns", "unknowns.csv")
-    usual = [words for kind, words in _USUAL.items() if any(u.kind == kind for u in shown_ones)]
-    further = {UNKNOWNS[u.kind].title for u in shown_ones if u.kind not in _USUAL}
+    some, note = report.cut(rows, "unknowns", "unknowns.csv")
+    usual = [words for kind, words in _USUAL.items() if any(u.kind == kind for u in rows)]
+    further = {UNKNOWNS[u.kind].title for u in rows if u.kind not in _USUAL}
     kinds = ", ".join([*usual, *sorted(further)])
-    heading = title(kinds[:1].upper() + kinds[1:])
-    header = ["unknown", "", "value", "σ", "t", ""]
-    if not any(r[4] for r in rows):
-        header, shown_rows = header[:4], [r[:4] for r in shown_rows]
-    else:
-        note = [*note, _meaning(report)]
-    if any(u.power for u in shown_ones):
+    shown = as_text(replace(made, rows=some))
+    note = [*note, *_meaning(report, shown)]
+    if any(u.power for u in rows):
         note = [*note, "  t of units: the time or place along a strip, in the unit of observations"]
-    return [*heading, *table(header, shown_rows, left=2), *note]
+    return [*title(kinds[:1].upper() + kinds[1:]), *shown, *note]

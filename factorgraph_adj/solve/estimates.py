@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol, overload
+from typing import Any, Protocol, overload
 
 import numpy as np
 
-from ..columns import Columns
 from ..entities import parameter_name
 from ..errors import InputError, unknown_name
 from ..frames import Frame
@@ -211,7 +210,7 @@ class AdjustedNetwork(EstimatedNetworkWithPhotos, Protocol):
         ...
 
 
-def unknown_table(solution: AdjustedNetwork) -> Columns:
+def unknown_arrays(solution: AdjustedNetwork) -> dict[str, np.ndarray[Any, Any]]:
     """Return ``kind``, ``name``, ``component``, ``value``, ``sigma``, ``held`` of other unknowns.
 
     These are calibrations and all that is stated or found besides points and photos.
@@ -235,10 +234,7 @@ def unknown_table(solution: AdjustedNetwork) -> Columns:
     header = ("kind", "name", "component", "value", "sigma", "held")
     types = (object, object, object, float, float, bool)
     columns = list(zip(*rows, strict=True)) if rows else [()] * len(header)
-    return Columns(
-        "unknowns",
-        {n: np.array(c, dtype=t) for n, c, t in zip(header, columns, types, strict=True)},
-    )
+    return {n: np.array(c, dtype=t) for n, c, t in zip(header, columns, types, strict=True)}
 
 
 @dataclass(frozen=True, slots=True)

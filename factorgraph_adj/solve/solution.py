@@ -21,7 +21,6 @@ from ..network.network import Network
 from ..result_display import Rows, Shown
 from ..statistical_tests import global_test
 from ..types import Array, Index
-from . import estimates
 from .added_factors import AddedFactors
 from .adjustment_run import RunRecord
 from .datum_defects import Defect, FreeDatum
@@ -229,19 +228,19 @@ class Solution(Shown):
         and east positive), ``height`` above the ellipsoid, ``sigma_east sigma_north sigma_up``.
         """
         # The table of points, and all reports, are above this module.
-        reports = import_module("factorgraph_adj.report.adjusted_points")
-        found: Columns = reports.point_frame(self)
-        return found
+        return self._frame("adjusted_points", "point_frame")
 
     def photo_table(self) -> Columns:
         """Return the adjusted photos as columns: centres, angles and σ; metres, radians."""
-        reports = import_module("factorgraph_adj.report.adjusted_photos")
-        found: Columns = reports.photo_frame(self)
-        return found
+        return self._frame("adjusted_photos", "photo_frame")
 
     def unknown_table(self) -> Columns:
         """Return all other unknowns as columns, one row for each component; SI, image units."""
-        return estimates.unknown_table(self)
+        return self._frame("unknowns", "unknown_frame")
+
+    def _frame(self, module: str, function: str) -> Columns:
+        found: Columns = getattr(import_module(f"factorgraph_adj.report.{module}"), function)(self)
+        return found
 
     # -- covariances --------------------------------------------------------------------------
 

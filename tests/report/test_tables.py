@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 from unittest.mock import Mock
@@ -12,7 +13,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.report import adjusted_photos, adjusted_points
+from factorgraph_adj.report import adjusted_photos, adjusted_points, unknowns
 from factorgraph_adj.report.adjusted_observations import (
     ObservationColumns,
     observation_frame,
@@ -41,11 +42,13 @@ from factorgraph_adj.report.tables import (
     unit_of,
 )
 from factorgraph_adj.report.text import protocol
+from factorgraph_adj.report.unknowns import unknowns_table
 from tests.networks.exchanged_day import day
 from tests.networks.pixel_block import pixel_block
 from tests.networks.small_block import small_block
 from tests.networks.trilateration import trilateration
 from tests.support.pages import data_of
+from tests.support.printed import row, section
 
 MM = Unit("mm", 1e-3)
 
@@ -169,6 +172,63 @@ def test_a_figure_of_photos_that_is_added_appears_in_every_rendering(
     written = json.loads(results_text(report))["photos"]
     assert [p["mean_error"] for p in written.values()] == pytest.approx(expected)
     assert solution.photo_table()["mean_error"] == pytest.approx(expected)
+
+
+def test_a_figure_of_unknowns_that_is_added_appears_in_every_rendering(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The column is the relative standard deviation of a parameter, in per mille."""
+    before = unknowns.unknown_columns
+
+    def with_relative_sigma(report: Report) -> list[Column]:
+        value = lambda u: u.sigma / abs(u.value) if u.value else None  # noqa: E731
+        per_mille = Unit("‰", 1e-3)
+        added = Column(title="σ/x", key="relative_sigma", value=value, unit=per_mille, digits=4)
+        return [*before(report), added]
+
+    monkeypatch.setattr(unknowns, "unknown_columns", with_relative_sigma)
+    network = small_block()
+    network.set_distance_meter("EDM", scale=2e-6, free=["scale"])
+    for name, o in network.observations.items():
+        if o.kind == "slope_distance":
+            network.observations[name] = replace(o, instrument="EDM")
+    solution = fga.adjust(network)
+    report = Report(solution)
+    focal, scale = solution.calibration("D3"), solution.unknown("edm", "EDM")
+    expected = {
+        ("calibration", "D3", "c"): focal.sigma("c") / abs(focal["c"]),
+        ("edm", "EDM", "scale"): scale.sigma("scale") / abs(scale["scale"]),
+    }
+    read = [f"{v / 1e-3:.4f}" for v in expected.values()]
+
+    text = protocol(solution)
+    assert row(text, "Calibration of D3", "c")[-1] == read[0]
+    (of_edm,) = (words for words in section(text, "Distance meters") if "scale" in words)
+    assert of_edm[-1] == read[1]
+
+    page = adjustment_html(report)
+    assert page.count(">σ/x [‰]</th>") == 2
+    for sheet, cell in zip(("sheet-calibration-0", "sheet-others"), read, strict=True):
+        assert cell in data_of(page, sheet)["columns"][-1]
+
+    header, *rows = as_csv(unknowns_table(report)).splitlines()
+    cells = [dict(zip(header.split(","), r.split(","), strict=True)) for r in rows]
+    for label, figure in expected.items():
+        (found,) = (c for c in cells if (c["kind"], c["name"], c["component"]) == label)
+        assert float(found["relative_sigma"]) == pytest.approx(figure / 1e-3)
+
+    written = json.loads(results_text(report))
+    of_camera = written["calibrations"]["D3"]
+    at = of_camera["parameters"].index("c")
+    (scale_written,) = (u for u in written["others"] if u["component"] == "scale")
+    figures = [of_camera["relative_sigma"][at], scale_written["relative_sigma"]]
+    assert figures == pytest.approx(list(expected.values()))
+
+    table = solution.unknown_table()
+    labels = list(zip(table["kind"], table["name"], table["component"], strict=True))
+    for label, figure in expected.items():
+        assert table["relative_sigma"][labels.index(label)] == pytest.approx(figure)
+    assert "<th>relative_sigma</th>" in table._repr_html_()
 
 
 def test_a_page_of_a_solution_without_a_covariance_has_coordinates_alone() -> None:

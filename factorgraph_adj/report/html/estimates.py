@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import isfinite
 
 import numpy as np
 
@@ -23,7 +22,13 @@ from ..layout import percent, short, with_sigma
 from ..plots.point_symbols import point_status
 from ..reliability import point_redundancy
 from ..tables import NO_FIGURE, Column, FiguresByNumber, Sheet, as_html
-from ..unknowns import STRONG_CORRELATION, orientations_table, unknown_components
+from ..unknowns import (
+    STRONG_CORRELATION,
+    calibration_table,
+    orientations_table,
+    others_table,
+    without_absent,
+)
 from .rendering import ColumnHead, columns_from_rows, filled_sheet
 
 NEW_POINT = "new"
@@ -155,42 +160,18 @@ def calibration_sheets(report: Report, t: Texts) -> tuple[list[CalibrationSheet]
 
 
 def _calibration(report: Report, t: Texts, number: int, name: str) -> CalibrationSheet:
-    camera, e, rows = camera_of_calibration(report.network, name), report.calibrations[name], []
-    for i, parameter in enumerate(e.names):
-        value, sigma = float(e.values[i]), float(e.sigmas[i])
-        if camera.fixed[i]:
-            if value != 0.0 or i < 3:
-                rows.append([parameter, f"{value + 0.0:.8g}", t("held"), NO_FIGURE, NO_FIGURE, ""])
-            continue
-        given = float(camera.values[i])
-        change = decimal((value - given) / sigma, 1) if sigma > 0 and isfinite(given) else NO_FIGURE
-        tested = report.tested("calibration", name, parameter)
-        test, verdict = NO_FIGURE, ""
-        if tested is not None and (tested.additional or tested.weighted):
-            test = decimal(tested.t, 2)
-            verdict = t("significant" if tested.significant else "not_significant")
-            verdict = f"{t('weighted')}, {verdict}" if tested.weighted else verdict
-        rows.append([parameter, with_sigma(value, sigma), f"{sigma:.2g}", change, test, verdict])
-    heads: list[ColumnHead] = [
-        (t("col_parameter"), False),
-        (f"{t('col_value')} [{camera.unit}]", True),
-        ("σ", True),
-        (t("col_change"), True, t("help_change")),
-        ("t", True, t("help_t")),
-        (t("col_verdict"), False),
-    ]
+    camera, e = camera_of_calibration(report.network, name), report.calibrations[name]
     found = report.significance
     note = ""
     if found is not None:
         level = percent(1 - found.alpha)
         note = t("calibration_note", critical=f"{found.critical:.2f}", level=level)
     caption = t("calibration_caption", name=name, lens=camera.lens.kind, unit=camera.unit)
-    made = filled_sheet(
-        f"calibration-{number}", caption, columns_from_rows(heads, rows), notes=[note]
-    )
-    assert made is not None, "a calibration has parameters"
+    made = replace(without_absent(calibration_table(report, name)), name=f"calibration-{number}")
+    sheet = as_html(made, t, caption=caption, notes=[note])
+    assert sheet is not None, "a calibration has parameters"
     return CalibrationSheet(
-        name, camera.name, made, _correlations(e.names, e.correlation, camera.fixed)
+        name, camera.name, sheet, _correlations(e.names, e.correlation, camera.fixed)
     )
 
 
@@ -212,31 +193,7 @@ def orientations_sheet(report: Report, t: Texts) -> Sheet | None:
 
 def other_unknowns_sheet(report: Report, t: Texts) -> Sheet | None:
     """Return refraction, verticals, distance meters, frames and further kinds of unknowns."""
-    if report.singular:
-        return None
-    rows = []
-    for u in unknown_components(report):
-        value, sigma = u.value / u.size, u.sigma / u.size
-        held = u.state == "held"
-        tested = report.tested(u.kind, u.name, u.component)
-        test, verdict = NO_FIGURE, t(f"unknown_{u.state}")
-        if tested is not None:
-            test = decimal(tested.t, 2)
-            verdict += f", {t('significant' if tested.significant else 'not_significant')}"
-        shown = f"{value + 0.0:.5g}" if held else with_sigma(value, sigma)
-        cells = [t.kind(UNKNOWNS[u.kind].title), u.name, u.sign, shown]
-        rows.append([*cells, t("held") if held else short(sigma), u.unit, test, verdict])
-    heads: list[ColumnHead] = [
-        (t("col_kind"), False),
-        (t("col_name"), False),
-        (t("col_parameter"), False),
-        (t("col_value"), True),
-        ("σ", True),
-        (t("col_unit"), False),
-        ("t", True, t("help_t")),
-        (t("col_state"), False),
-    ]
-    return filled_sheet("others", t("others_caption"), columns_from_rows(heads, rows))
+    return None if report.singular else as_html(others_table(report), t)
 
 
 def shapes_sheet(report: Report, t: Texts) -> Sheet | None:
