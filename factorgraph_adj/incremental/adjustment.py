@@ -194,7 +194,7 @@ class IncrementalAdjustment(StateQueries):
         """Write the difference of two ledgers to the journal, then take over the new state."""
         state, arrival = result
         if do != "add":
-            self._told_of_suspects = None
+            self._suspects_doubts = None
         if self._journal is not None:
             before = self._state.ledger
             line = self._recorded.next_line(before, state, everything=do == "settle")

@@ -138,7 +138,7 @@ class StateQueries(metaclass=ChecksArguments):
     _copies: CopiedBlocks
     _next_try: float = 0.0
     _not_retired: str = ""
-    _told_of_suspects: tuple[tuple[str, ...], tuple[str, ...]] | None = None
+    _suspects_doubts: tuple[tuple[str, ...], tuple[str, ...]] | None = None
     """Ids of suspects, and the doubts about them; None: a command has changed the network."""
 
     @property
@@ -207,9 +207,9 @@ class StateQueries(metaclass=ChecksArguments):
     def _doubts_of_suspects(self) -> tuple[str, ...]:
         """Return what several suspects contradict; computed again when these change."""
         ids = tuple(v.id for v in self.suspects)
-        if self._told_of_suspects is None or self._told_of_suspects[0] != ids:
-            self._told_of_suspects = ids, doubts.suspects_doubts(self._state, self._rules)
-        return self._told_of_suspects[1]
+        if self._suspects_doubts is None or self._suspects_doubts[0] != ids:
+            self._suspects_doubts = ids, doubts.suspects_doubts(self._state, self._rules)
+        return self._suspects_doubts[1]
 
     @property
     @one_at_a_time

@@ -70,7 +70,7 @@ class InnovationTest(NamedTuple):
 
 
 def near_enough(ledger: Ledger, system: LinearSystem, rows: Index) -> Index:
-    """Return which of some observations may fit by now, the nearest first.
+    """Return which of some observations may fit at the present estimates, the nearest first.
 
     An innovation larger than √critical · σ of the last test still contradicts.
 

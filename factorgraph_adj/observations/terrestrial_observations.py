@@ -172,7 +172,7 @@ class HorizontalAngle(Observation):
 class HeightDifference(Sight):
     """Levelled height difference from station to target, metres: ½(u_i + u_j)·d. Eq. 10.
 
-    Its σ has a constant part and one for √1 km of line. It takes no centring: a level stands
+    Its σ has a constant part and one for √1 km of line. It takes no centring: a level is
     anywhere. Of a trigonometric height difference the constant part states the whole.
     """
 

@@ -1,17 +1,18 @@
-"""Readings that mislead data snooping: other starts of it, exchanged names, likely causes.
+"""Readings that mislead data snooping: exchanged names, a second start, and the likely causes.
 
-A reading that belongs to another point, or was read in the other face, bends the adjustment of
-everything so far that the largest test values are those of good readings, and data snooping rejects
-other ones. At the approximate values such a reading is far off all the same, and the good ones are
-not. So the search is made a second time from there, and the simpler of the two results counts.
+A reading that belongs to another point, or was read in the other face, distorts the adjustment of
+everything so much that the largest test values are those of good readings, and data snooping
+rejects these. At the approximate values such a reading has a very large misfit all the same, and
+the good ones do not. The search is therefore made a second time from there, and the simpler of the
+two results counts.
 
-A few exchanged names of targets do the same. What is far off in a robust estimate, or at the
-approximate values, may be wrong; the right names are found by a fit to the rest of the network
-(`causes.exchanged_targets`). Then data snooping begins without the exchanged sights.
+A few exchanged names of targets do the same. Readings with very large misfits in a robust estimate,
+or at the approximate values, may be wrong; the right names are found by a fit to the rest of the
+network (`causes.exchanged_targets`). Then data snooping begins without the exchanged sights.
 
 An adjustment alone, without data snooping, is examined in the same order: exchanged names where
-sights are far off, mistakes that bend a block where rows of a block are; then every cause that has
-a size is tested, see `causes.cause_search`.
+sights have very large misfits, mistakes that distort a block where rows of a block have; then every
+cause that has a size is tested, see `causes.cause_search`.
 """
 
 from __future__ import annotations
@@ -46,11 +47,11 @@ from .robust_estimation import robust_adjust
 from .snooping_search import SnoopingSearch
 
 MAX_ROBUST_ADJUSTMENTS = 8
-"""Number of adjustments of the robust estimate: readings that are far off show long before the
-weights of all others have converged."""
+"""Number of adjustments of the robust estimate: very large errors show long before the weights of
+all others have converged."""
 MIN_SUSPECT_SHARE = 0.01
-"""Part of the largest test value from which on readings are suspects at first: what such readings
-have bent is less far off, and what else does not fit shows without them."""
+"""Share of the largest test value from which readings are suspects at first: readings that such
+suspects have distorted have smaller misfits, and other errors show without them."""
 SightEnd = tuple[str, int]
 """An end of a sight: the kind of the unknown, and its number."""
 
@@ -58,10 +59,10 @@ SightEnd = tuple[str, int]
 def is_misled(search: SnoopingSearch, found: Snooping) -> bool:
     """Return whether readings with very large errors may have misled a search.
 
-    A single reading that is far off, with which everything else fits, is one gross error. What
-    fits as something else, as a whole, is an exchange. It is otherwise if readings that are far
-    off stay, or if several that share a point were rejected. Image points do not count: a block
-    of photos has no minimum near poor approximate values.
+    A single reading with a very large error, with which everything else fits, is one gross error.
+    Readings that fit under another identity, as a whole, are an exchange. The search is misled if
+    readings with very large errors stay, or if several that share a point were rejected. Image
+    points do not count: a block of photos has no minimum near poor approximate values.
 
     Args:
         search: the search, at its end.
@@ -129,10 +130,10 @@ def _effort(search: SnoopingSearch, found: Snooping) -> tuple[int, int, int]:
 
 
 def has_far_off_sights(solution: Solution) -> bool:
-    """Return whether several readings of sights are so far off that names may be exchanged.
+    """Return whether several sights have such large errors that names may be exchanged.
 
-    σ0 is 1, also where it is estimated: exchanges bend every residual, so that no estimate is one
-    of good readings. Where the stated σ are far too small, other names are tried in vain.
+    σ0 is 1, also where it is estimated: exchanges distort every residual, so that no estimate is
+    one of good readings. Where the stated σ are far too small, other names are tried in vain.
 
     Args:
         solution: the adjustment of everything, or where it ended.
@@ -157,7 +158,7 @@ def _sigma0(normalised: Array, estimated: bool) -> float:
 def exchanged_names(
     network: Network, solution: Solution, alpha: float, *, estimated: bool = False
 ) -> tuple[TargetExchange, ...]:
-    """Return the exchanges of names that explain why readings are far off, if there are any.
+    """Return the exchanges of names that explain readings with very large errors, if there are any.
 
     Args:
         network: the whole network.
@@ -184,17 +185,18 @@ def exchanged_names(
         found = exchanged_targets(equations, robust.solution, bad, alpha, estimated=estimated)
         if found:
             return found
-    # Several exchanges among few targets bend the estimate, too.
+    # Several exchanges among few targets distort the estimate, too.
     first = replace(solution, state=solution.start)
     bad = _far_off_at_first(solution)
     return exchanged_targets(equations, first, bad, alpha, estimated=estimated)
 
 
 def _far_off_at_first(solution: Solution) -> set[str]:
-    """Return the readings that are far off at the approximate values, which nothing has bent yet.
+    """Return the readings with very large misfits at the approximate values, before any adjustment.
 
-    Set-ups without approximate coordinates are joined by what most of their targets agree on, so
-    that the others are far off there. Coordinates that are all rough are not examined.
+    Set-ups without approximate coordinates are joined by the coordinates on which most of their
+    targets agree, so that the others have large misfits. Coordinates that are all rough are not
+    examined.
     """
     size = np.abs(np.nan_to_num(solution.equations.residuals(solution.start)))
     limit = max(MAX_LINEAR_TEST_VALUE, MIN_SUSPECT_SHARE * float(size.max(initial=0.0)))
@@ -250,7 +252,7 @@ def likely_causes(
 
     Args:
         solution: the adjustment, or where it ended.
-        rel: its reliability; None: it has none, and exchanges alone are looked up.
+        rel: its reliability; None: it has none, and only exchanges are examined.
         alpha: probability of a false alarm of one test.
         estimated: whether σ0 is estimated; otherwise it is 1.
     """
@@ -265,7 +267,7 @@ def likely_causes(
 
 
 def _matches(solution: Solution, alpha: float, estimated: bool) -> list[MistakenIdentity]:
-    """Return exchanged names of targets, and mistakes that bend a block."""
+    """Return exchanged names of targets, and mistakes that distort a block."""
     found = [m.match for m in block_mistakes(solution, alpha, estimated=estimated)]
     if has_far_off_sights(solution):
         every = exchanged_names(solution.network, solution, alpha, estimated=estimated)

@@ -107,7 +107,7 @@ def exclude_insignificant(
 
     After an adjustment, the additional parameter with the smallest |t| is held at its reference
     value (see `significance`), and the network is adjusted again, until all are significant. Only
-    one parameter is excluded at a time: two highly correlated parameters may both look
+    one parameter is excluded at a time: two highly correlated parameters may both seem
     insignificant although one of them is needed. The parameters c, x0 and y0 are always kept. If
     every photo has its own calibration, a parameter is excluded for all photos together, and only
     if it is insignificant in all of them.

@@ -248,7 +248,7 @@ def significance(
     correlation: float = STRONG_PARAMETER_CORRELATION,
     ties: bool = True,
 ) -> Significance:
-    """Test calibration and additional parameters of an adjustment, and look for correlations.
+    """Test calibration and additional parameters of an adjustment, and search for correlations.
 
     The free or weighted calibrations of cameras, scales and zero constants of distance meters and
     coefficients of refraction are tested. t = (x̂ − x_ref)/σ_x̂ is compared with the quantile

@@ -195,7 +195,7 @@ class Snooping(Shown):
 
     def summary(self) -> str:
         """Return the result on one screen, with what was rejected; see `Solution.summary`."""
-        # Reports stand above this module.
+        # Reports are above this module.
         found: str = import_module("factorgraph_adj.report.summary").snooping_summary(self)
         return found
 

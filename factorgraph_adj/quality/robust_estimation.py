@@ -21,9 +21,10 @@ All estimators start with Huber's criterion, because it is convex and the others
 Its scale is small at first, so that it is nearly the sum of |t|.
 
 Huber's criterion bounds the effect of an error by 1.5 σ of its own reading: distances with a σ of
-micrometres carry a target away that angles with a σ of tenths of a millimetre should hold. So where
-the estimation begins at start values at which few observations are far off, these get the weight
-γ = 10⁻⁶ (1000/t)², with which an error has the effect of at most 0.001 σ, until they fit.
+micrometres carry a target away that angles with a σ of tenths of a millimetre should hold. Where
+the estimation begins at start values at which few observations have very large misfits, these
+therefore get the weight γ = 10⁻⁶ (1000/t)², with which an error has the effect of at most 0.001 σ,
+until they fit.
 """
 
 from __future__ import annotations
@@ -61,17 +62,17 @@ Estimator = Literal["huber", "danish", "igg3", "tukey"]
 ESTIMATORS: tuple[Estimator, ...] = ("huber", "danish", "igg3", "tukey")
 
 START_REASON = "the approximate values"
-"""Reason of a solution that is only where an estimation begins."""
+"""Reason of a solution that consists of the start values of an estimation."""
 MIN_ROBUST_WEIGHT = 1e-6
 """Smallest γ. It keeps every unknown determined; an error of 1000 σ has the effect of 0.001 σ."""
 MIN_ROBUST_REDUNDANCY = 0.01
 """Smallest redundancy number r in t; the small residuals of observations with a smaller r depend
 mainly on the γ of other observations."""
 FAR_OFF_TEST_VALUE = 1000.0
-"""Smallest |t| at start values of an observation that is far off."""
+"""Smallest |t| at start values that counts as a very large misfit."""
 MAX_FAR_OFF_SHARE = 0.1
-"""Largest share of observations that are far off because of gross errors; where there are more, the
-start values are poor."""
+"""Largest share of such observations that gross errors explain; where there are more, the start
+values are poor."""
 START_WEIGHT_TOLERANCE = 0.05
 """Largest change of a γ at which the start with Huber's criterion ends."""
 START_SCALE_FACTOR = 0.1
@@ -138,7 +139,7 @@ def robust_adjust(
         datum: as for `adjust`.
         start: as for `adjust`.
         from_start: whether the first misfits are those of the start values; otherwise those of a
-            plain adjustment, which readings that are far off may bend, if it has a minimum.
+            plain adjustment, which very large errors may distort, if it has a minimum.
         tolerance: largest change of a γ at which the weights have converged.
         max_iterations: maximum number of adjustments; then the result has ``converged`` false.
         iterations_each: largest number of iterations of each adjustment.
@@ -203,10 +204,11 @@ def _first_solution(
     from_start: bool,
     max_iterations: int,
 ) -> Solution:
-    """Return where the estimation begins: the plain adjustment, or the start values.
+    """Return the solution where the estimation begins: the plain adjustment, or the start values.
 
-    Readings that are far off bend a plain adjustment until it has no minimum, or none where all is
-    determined. At the start values they are far off all the same, and the others are not.
+    Very large errors distort a plain adjustment until it has no minimum, or none where all is
+    determined. At the start values their misfits are large all the same, and those of others are
+    not.
     """
     choice = network.datum if datum is None else datum
     given, start = start, given_or_image_start(network, datum, start)
@@ -256,7 +258,7 @@ def _solution_from_images(
 
 
 def _unbent(solution: Solution) -> bool:
-    """Return whether readings that are far off have not bent the solution yet."""
+    """Return whether very large errors have not distorted the solution yet."""
     return solution.reason == START_REASON or solution.weights is not None
 
 

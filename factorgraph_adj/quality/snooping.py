@@ -1,4 +1,4 @@
-"""Data snooping of a network: `snoop`, and the start of its search; rounds: `snooping_search`.
+"""Data snooping of a network by iterated tests: `snoop`, and the choice of the start of its search.
 
 A round tests every observation (Baarda's w, or Pope's τ if σ0 is unknown), and rejects the worst
 observations by the rule of `snooping_candidates`. After a round without a new gross error, the
@@ -297,20 +297,20 @@ def _search_from_given_values(
 ) -> Snooping:
     """Return the search from the given values, or from an earlier solution.
 
-    Args:
+    searching: arguments that all searches have in common.
         searching: what all searches have in common.
         first: the adjustment of the whole network; None: a robust one is asked for.
         start: where it began.
         robust: the robust estimator.
         extra: the user's factors.
-        mistakes: what bends the block of photos.
+        mistakes: mistakes that distort the block of photos.
         plain: whether there is no estimator, no factor and no earlier solution.
     """
     network, options = searching.network, searching.options
     names = [m.match for m in mistakes]
     estimated = searching.test == "pope"
     if plain and first is not None and has_far_off_sights(first):
-        # Exchanged names bend an adjustment, and a search that begins with it.
+        # Exchanged names distort an adjustment, and a search that begins with it.
         exchanged = exchanged_names(network, first, searching.alpha, estimated=estimated)
         names += [e.match for e in exchanged]
         beside = start_without_exchanges(network, exchanged, options) if exchanged else None
@@ -333,7 +333,7 @@ def _search_from_given_values(
 
 @dataclass(frozen=True)
 class _SearchArguments:
-    """What all searches in a network have in common; the fields are arguments of `snoop`."""
+    """Arguments that all searches in a network have in common; the fields are those of `snoop`."""
 
     network: Network
     test: Test
@@ -387,7 +387,7 @@ class _SearchArguments:
     def run_beside(
         self, start: Start, exchanged: Sequence[MistakenIdentity] = ()
     ) -> tuple[SnoopingSearch, Snooping]:
-        """Return a search that begins without what does not agree with a start.
+        """Return a search that begins without the observations that do not agree with a start.
 
         Args:
             start: the start, which names the observations that do not agree.

@@ -425,7 +425,7 @@ class SnoopingSearch:
         return causes(first, self.matches(), estimated=pope)
 
     def matches(self) -> tuple[MistakenIdentity, ...]:
-        """Return what the observations rejected may be instead; a solution looks once."""
+        """Return identities under which rejected observations fit, computed once for a solution."""
         if self._matched is None or self._matched[0] is not self.solution:
             explained = {i for m in self.exchanged for i in m.ids}
             bad = [i for i in self.ids_aside() if i not in explained], self._above()

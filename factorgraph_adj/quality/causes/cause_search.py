@@ -1,4 +1,4 @@
-"""All causes of misfits in an adjustment, the most probable first, and what one of them leaves.
+"""Search for all causes of misfits in an adjustment, the most probable first, with what remains.
 
 Two searches make one list. Errors of some size (heights, constants, centring, turned directions,
 given values that are held) are columns, tested in the adjustment of everything
@@ -81,7 +81,7 @@ def every_mistaken_identity(
     again: bool,
     estimated: bool,
 ) -> tuple[MistakenIdentity, ...]:
-    """Look for what observations that do not fit may be instead.
+    """Search for the identities under which observations that do not fit would fit.
 
     Args:
         equations: the network with them.

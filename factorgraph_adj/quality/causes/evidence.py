@@ -236,7 +236,7 @@ class Cause:
 
     @property
     def other_unit(self) -> bool:
-        """Whether a recorded height is wrong by about itself, and higher than anything stands.
+        """Whether a recorded height is wrong by about itself, and larger than a usual one.
 
         An error of that size bends an adjustment, so that its estimate is right by the order alone.
         """

@@ -186,7 +186,7 @@ class _Search:
             pairs = self._pairs(explained)
             both = [t for pair in pairs if (t := self._tested(pair)) is not None]
             out = self._best([*fitting, *both])
-        return tuple(e for t in self._told_apart(out) for e in self._exchanges(t))
+        return tuple(e for t in self._separated(out) for e in self._exchanges(t))
 
     # -- hypotheses ---------------------------------------------------------------------------
 
@@ -344,7 +344,7 @@ class _Search:
                 rival.same.append(t)
         return out
 
-    def _told_apart(self, found: Sequence[_Tested]) -> list[_Tested]:
+    def _separated(self, found: Sequence[_Tested]) -> list[_Tested]:
         """Return the tests, after those that readings join were fitted together.
 
         What joins the points of two exchanges, as levelling does, may determine at which set-up
@@ -357,7 +357,7 @@ class _Search:
             best = self._best([t for way in ways if (t := self._tested(way)) is not None])
             if best:
                 left = [t for t in found if t not in (one, other)]
-                return self._told_apart([*left, best[0]])
+                return self._separated([*left, best[0]])
         return list(found)
 
     def _joined(self, one: _Tested, other: _Tested) -> bool:

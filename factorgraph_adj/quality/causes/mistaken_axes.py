@@ -411,7 +411,7 @@ def _with_axes(
     if not solution.converged or share <= least:
         return None
     if not (solution.state["calibration"][:, 0] > 0.0).all():
-        return None  # a negative principal distance stands for the other axis of the image
+        return None  # a negative principal distance represents the other axis of the image
     pose = solution.state["pose"][equations.unknowns["pose"].number[photo]]
     return OrientedPhoto(cause, pose[:9].reshape(3, 3), pose[9:], share, float(np.sum(squares)))
 

@@ -1,11 +1,10 @@
 """Rejected readings that fit as another target, with other ends, in the other face or axes.
 
-Readings that are far off bend an adjustment so that its linear model says nothing of them. In the
-solution without them each is computed again as if its target were another point, its ends were
-exchanged, it were read in the other face, or the image axes were others. Where all readings of a
-sight fit then, that is what happened. Where a list gave the height of a target by its name, the
-wrong name has brought the wrong height: another point is tried with the heights that are recorded
-with its name, too.
+Readings with very large errors distort an adjustment beyond its linear model. In the solution
+without them each is computed again as if its target were another point, its ends were exchanged, it
+were read in the other face, or the image axes were others. If all readings of a sight fit then,
+this explains them. Where a list gave the height of a target by its name, the wrong name has brought
+the wrong height: another point is tried with the heights that are recorded with its name, too.
 """
 
 from __future__ import annotations
@@ -51,7 +50,7 @@ WITH_HEIGHT = ", with the height that goes with the name"
 
 @dataclass(frozen=True)
 class MistakenIdentity:
-    """Readings that fit as something else."""
+    """Readings that fit under another identity."""
 
     cause: str
     """What is wrong."""
@@ -78,7 +77,7 @@ class MistakenIdentity:
 def mistaken_identities(
     equations: Equations, clean: Solution, ids: Sequence[str], alpha: float, weight: VarianceFactor
 ) -> tuple[MistakenIdentity, ...]:
-    """Look for what observations that were rejected may be.
+    """Search for the identities under which rejected observations fit.
 
     Args:
         equations: the network with them.
