@@ -31,6 +31,11 @@ DECIMALS_OF_AZIMUTH = {
     "arcsec": -2,
 }
 """Decimals of azimuths and dips of ellipses by unit; further digits are not significant."""
+NOT_AT_A_MINIMUM = (
+    "not converged: standard deviations belong to the place where the iteration stopped; at a "
+    "minimum they may be several times larger or smaller"
+)
+"""Note on the precision of a result that has not converged."""
 
 
 def region_factor(report: Report, dimension: int) -> float:
@@ -107,13 +112,6 @@ def ellipse_columns(
     ]
     shown = replace(azimuth, unit=unit_of(report.units.angle), shown=turn, only=readable)
     return [*semi_axes, shown, azimuth]
-
-
-NOT_AT_A_MINIMUM = (
-    "not converged: standard deviations belong to the place where the iteration stopped; at a "
-    "minimum they may be several times larger or smaller"
-)
-"""What is said of the precision of a result that is none."""
 
 
 def decimals_of_points(report: Report) -> tuple[int, int]:

@@ -54,6 +54,12 @@ REST = (
 """Where the rest of the result is."""
 REST_OF_PARTS = "all of it: --full; tables: --out DIR"
 """Where the rest of the result of an adjustment in parts is."""
+ScreenList = tuple[list[str], list[str], list[list[str]]]
+"""Lines above a list, its header and its rows; without rows the lines are alone."""
+R_LEGEND = "r: redundancy number, the share of an error that its residual shows"
+MDB_LEGEND = "∇: smallest error that the test detects"
+ERROR_LEGEND = "error: estimated ∇ of this reading, if it alone is wrong"
+GOOD_LIGHT: LightColour = "green"
 
 
 def summary(solution: Solution) -> str:
@@ -114,7 +120,7 @@ def parts_summary(solution: PartsSolution) -> str:
         for part, t in solution.largest_tests[:MAX_ROWS]
     ]
     name = solution.name or known((job.part.name for job in solution.jobs), most=4)
-    readings = ["", "Worst readings", *paragraph(f"{_w('w')}; {R}")]
+    readings = ["", "Worst readings", *paragraph(f"{_w('w')}; {R_LEGEND}")]
     return _screen(name, head, [(readings, ["reading", "w", "r"], rows)], REST_OF_PARTS)
 
 
@@ -125,19 +131,13 @@ def parts_verdict_line(solution: PartsSolution) -> str:
 
 # -- parts of the screen --------------------------------------------------------------------------
 
-List = tuple[list[str], list[str], list[list[str]]]
-"""Lines above a list, its header and its rows; without rows the lines stand alone."""
-R = "r: redundancy number, the share of an error that its residual shows"
-MDB = "∇: smallest error that the test detects"
-ERROR = "error: estimated ∇ of this reading, if it alone is wrong"
-
 
 def _w(symbol: str) -> str:
     what = "w: test value, the residual divided by its σ"
     return what if symbol == "w" else "τ: test value, the residual divided by its σ, with σ̂0"
 
 
-def _screen(name: str, head: Sequence[str], lists: Sequence[List], rest: str) -> str:
+def _screen(name: str, head: Sequence[str], lists: Sequence[ScreenList], rest: str) -> str:
     """Return the lines of a screen; lists share what the other lines leave."""
     fixed = 2 + len(head) + sum(len(above) + bool(rows) for above, _, rows in lists)
     left = MAX_LINES - fixed
@@ -164,13 +164,11 @@ def _verdict(report: Report) -> list[str]:
         reasons = [
             f"{light.title}: {f'{light.text} {light.told}'.strip().rstrip('.')}"
             for light in found.lights
-            if light.colour == found.colour != _GOOD and (not light.told or light.told not in said)
+            if light.colour == found.colour != GOOD_LIGHT
+            and (not light.told or light.told not in said)
         ]
         doubts = paragraph(": ".join([found.text, *(["; ".join(reasons)] if reasons else [])]))
     return _within([line for line in (*doubts, *notes) if line])
-
-
-_GOOD: LightColour = "green"
 
 
 def _within(lines: list[str]) -> list[str]:
@@ -220,7 +218,7 @@ def _set_aside(report: Report) -> list[str]:
     return [f"  rejected     {_count(len(ids), 'observation')}: {listed(ids, MAX_IDS)}"]
 
 
-def _readings(report: Report) -> List:
+def _readings(report: Report) -> ScreenList:
     """Return the readings with the largest test values."""
     rel = report.reliability
     if rel is None:
@@ -232,8 +230,10 @@ def _readings(report: Report) -> List:
         return [], [], []
     shown, columns = report.rows.at(order), _reading_columns(report, rel)
     symbol, above = test_symbol(report), int(np.sum(size > critical))
-    legend = f"{_w(symbol)} (*: above the critical |{symbol}| {critical:.2f}); {R}; {MDB}"
-    lines = ["", "Worst readings", *paragraph(f"{legend}; {ERROR}" if above else legend)]
+    legend = (
+        f"{_w(symbol)} (*: above the critical |{symbol}| {critical:.2f}); {R_LEGEND}; {MDB_LEGEND}"
+    )
+    lines = ["", "Worst readings", *paragraph(f"{legend}; {ERROR_LEGEND}" if above else legend)]
     lines += _caution(report, above)
     cells = zip(*(text_cells(c, shown) for c in columns), strict=True)
     header = [c.heading(WORDS) + ("  " if c.title == symbol else "") for c in columns]
@@ -281,7 +281,7 @@ def _label(row: Row) -> str:
     return f"{row.kind_name} {row.what}{number}"
 
 
-def _points(report: Report) -> List:
+def _points(report: Report) -> ScreenList:
     """Return the points with the largest standard deviations."""
     if report.singular:
         return [], [], []
@@ -304,7 +304,7 @@ def _colour_of_parts(solution: PartsSolution) -> LightColour:
     if doubts_of_parts(solution):
         return "red"
     notes = [*unknowns_left_out(solution), *notes_of_solution(solution)]
-    return "amber" if notes or solution.redundancy <= 0 else _GOOD
+    return "amber" if notes or solution.redundancy <= 0 else GOOD_LIGHT
 
 
 def _count(n: int, noun: str) -> str:
