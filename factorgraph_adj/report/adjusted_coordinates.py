@@ -1,4 +1,4 @@
-"""Adjusted lines with relative ellipses; decimals, angles and ellipse columns of coordinates.
+"""Table of adjusted lines with relative ellipses; ellipse columns and decimals of points.
 
 Lines join pairs of places. Lines and ellipses are given if the options ask for them.
 """

@@ -1,4 +1,4 @@
-"""The table of all scalar observations and its renderings; lists by station, weighted coordinates.
+"""Table of all observations, as text by station, CSV and arrays; section of weighted coordinates.
 
 `observation_table` is the one table of observations: its listing station by station, the pages,
 observations.csv, results.json and data frames are renderings of it.

@@ -1,4 +1,4 @@
-"""Adjusted photos: the table of exterior orientations with σ, ellipsoids of projection centres."""
+"""Adjusted photos as table, text, arrays: orientation, σ, image RMS; ellipsoids of centres."""
 
 from __future__ import annotations
 

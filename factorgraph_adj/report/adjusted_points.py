@@ -1,4 +1,4 @@
-"""Tables of adjusted points, side shots and check points, for text, pages and programs."""
+"""Tables of points with σ and ellipses, side shots, check-point differences: text, CSV, arrays."""
 
 from __future__ import annotations
 

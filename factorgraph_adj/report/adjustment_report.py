@@ -1,4 +1,4 @@
-"""A solution with the options of its report, and the figures that its sections share."""
+"""Report: a solution with options, whose tests, ellipses, poses, doubts all sections share."""
 
 from __future__ import annotations
 

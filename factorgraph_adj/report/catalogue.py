@@ -1,4 +1,4 @@
-"""Catalogue of texts: every text of the report by identifier, in each of its languages.
+"""Catalogue of texts of pages, verdicts and names of kinds by identifier, in English and German.
 
 The texts are data: ``html/catalogue/en.toml`` and ``de.toml`` have the same identifiers.
 """

@@ -1,4 +1,4 @@
-"""Sections and tables of data snooping: what it rejected, readmitted and left unresolved."""
+"""Section and CSV tables of data snooping: rejected, readmitted and unresolved observations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Doubts about the result of an adjustment, and notes on it, in one wording for all reports."""
+"""Sentences on doubts about the result of an adjustment, and notes on it, for all reports."""
 
 from __future__ import annotations
 

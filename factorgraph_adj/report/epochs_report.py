@@ -1,4 +1,4 @@
-"""A comparison of two epochs: its points, its text report, its table of displacements."""
+"""Report of two epochs: text protocol, CSV of displacements, figures that pages and plots share."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sections of frames, such as models and scanner stations, and of shapes; shapes.csv.
+"""Text sections of frames (models, scanner stations) and of shapes, with σ; shapes.csv.
 
 A shape is a frame whose place, axis and sizes are reported instead of its rotation and offset.
 """

@@ -1,4 +1,4 @@
-"""Latitude, longitude, height, and coordinates in the grid of points and photos, with σ.
+"""Geodetic and grid coordinates of points and photos with σ: text sections and CSV columns.
 
 Both are sections of the text report and columns of points.csv and photos.csv.
 """

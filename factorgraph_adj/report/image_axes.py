@@ -1,4 +1,4 @@
-"""Calibrations, tests and causes with the sign of y that the files of the camera have.
+"""Sign of y of a camera's files applied to calibrations, significance tests, held values, causes.
 
 The network, its solution and its reliability have y up. Reports change the sign of y, of y0, and
 of their residuals, test values, errors and correlations, where the files of a camera have y down.

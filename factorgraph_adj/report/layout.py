@@ -1,4 +1,4 @@
-"""Text of reports: columns, paragraphs, lists, numbers with significant digits; JSON text.
+"""Layout of text reports: tables, paragraphs, lists, numbers by significant digits; JSON text.
 
 `json.dumps` with an indent calls Python for every number; without one it does not. `json_text`
 therefore writes lists and objects of numbers and texts alone without an indent, with a separator

@@ -1,4 +1,4 @@
-"""Likely causes of misfits, tests of given values, variance components; all doubts together."""
+"""Text sections of likely causes of misfits, tests of held values, variance components; doubts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scalar observations of a solution, their groups and identity, in the units of reports."""
+"""Scalar observations of a solution as rows of reports: groups, identity columns, units shown."""
 
 from __future__ import annotations
 

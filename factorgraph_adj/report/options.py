@@ -1,4 +1,4 @@
-"""Options of a report, and the provenance of its solution: the run and the earlier steps."""
+"""Options of a report (units, rows, α, confidence); provenance (run, snooping, variances)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rejected observations as the solution without them predicts them, with test values."""
+"""Rejected observations against the solution without them: innovations, σ, w, r of each row."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reliability: redundancy by kind and point, weakest observations, largest tests and residuals.
+"""Text sections of reliability: redundancy by kind, weakest observations and points, largest tests.
 
 The points that undetected errors move most are found without all effects on all points: the
 largest effect of an observation on any point bounds its effect on each.

@@ -1,4 +1,4 @@
-"""Result files of a solution: text, results.json, CSV tables; files and text of one in parts.
+"""Result files of a solution: protocol, results.json, CSV; protocol and CSV of one in parts.
 
 The names of the columns, or a column beside the value, state the units of CSV tables.
 results.json has metres, radians and image units throughout.

@@ -1,4 +1,4 @@
-"""results.json of an adjustment and of two epochs, in SI units: members, JSON Schemas.
+"""Content of results.json of an adjustment and of two epochs, in SI units, with its JSON Schemas.
 
 ``results.schema.json`` and ``epochs.schema.json`` beside this module describe every member.
 """

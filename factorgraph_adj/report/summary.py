@@ -1,4 +1,4 @@
-"""The result of an adjustment, whole or in parts, on one screen and in one line.
+"""Summary of an adjustment, whole or in parts: one screen of text, or one line with the verdict.
 
 The verdict has the words of the protocol and of the HTML page. Lists get the rows that the verdict
 leaves; what is cut off stands in the protocol.

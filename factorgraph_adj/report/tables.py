@@ -1,4 +1,4 @@
-"""Tables of results, each written once: as text, HTML, CSV, JSON, and columns of arrays.
+"""Tables of results: columns declared once, rendered as text, HTML, CSV, JSON and arrays.
 
 A `Column` says what stands in a cell of a row, in the units of the solution, and how people read
 it. `as_text` and `as_html` write what people read; `as_csv`, `as_json` and `as_frame` keep all

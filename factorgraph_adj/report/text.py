@@ -1,4 +1,4 @@
-"""The report as plain text of fixed width: overview, doubts, global test, precision, datum."""
+"""Text report (protocol) of an adjustment: overview, doubts, global test, datum, all sections."""
 
 from __future__ import annotations
 

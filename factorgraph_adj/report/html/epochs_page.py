@@ -1,4 +1,4 @@
-"""The HTML page of two epochs: tables of tests and motions, plan of the displacements."""
+"""HTML page of a comparison of two epochs: tables of tests, displacements, block motions; plan."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Page tables of estimates: points, check points, photos, lines, calibrations, other unknowns."""
+"""HTML tables of estimates: points, check points, photos, lines, calibrations, other unknowns."""
 
 from __future__ import annotations
 

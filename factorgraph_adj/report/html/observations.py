@@ -1,4 +1,4 @@
-"""Page tables: observations, control, groups, largest tests, rejected, given values, causes."""
+"""HTML tables: observations, control, groups, variance components, tests, rejected, causes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page of an adjustment and the writing of any page; data of its statistical figures.
+"""HTML page of an adjustment: all sections, data of statistical figures; writing of HTML files.
 
 The data of the statistical figures are histograms of test values, their quantiles, redundancy
 numbers, and mean photos.

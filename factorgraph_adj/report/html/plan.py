@@ -1,4 +1,4 @@
-"""Data of the plan and of the 3-D view: points, ellipses, sights, photos, shapes, doubts.
+"""Plan and 3-D view of the HTML page as data: points, ellipses, sights, photos, shapes, suspects.
 
 Lengths are metres in the drawing plane of `plots.drawing_plane`. The regions of confidence are
 those of `plots.error_ellipses`; the page exaggerates them by one factor.

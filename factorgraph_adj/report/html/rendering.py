@@ -1,4 +1,4 @@
-"""Parts of every page: template, sections, packed scripts and data, provenance, input files.
+"""Frame of every HTML page: template, sections, packed scripts and data, input files, versions.
 
 The scripts come from the installed packages: plotly.js (MIT) from ``plotly``, DataTables with
 jQuery (MIT) from ``itables``. Templates and style sheet are in the folder ``template`` beside

@@ -1,4 +1,4 @@
-"""The verdict on an adjustment or on two epochs: lights with reasons, main figures."""
+"""Verdict of an HTML page on an adjustment or two epochs: lights with reasons, main figures."""
 
 from __future__ import annotations
 

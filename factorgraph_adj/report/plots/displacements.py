@@ -1,4 +1,4 @@
-"""The plan of two epochs: displacements with ellipses, reference points, blocks, heights.
+"""Figure of two epochs: plan of displacements with ellipses and blocks, panel of heights.
 
 The plan is that of the network of the first epoch, see
 `factorgraph_adj.report.plots.drawing_plane`. One factor exaggerates displacements and ellipses.

@@ -1,4 +1,4 @@
-"""The drawing plane of a network; places of frames and instruments, outlines of shapes, in it.
+"""Plan or side view of a network: coordinates, ellipses, instruments, drawn outlines of shapes.
 
 Outlines of shapes follow from their estimates and their points.
 """

@@ -1,4 +1,4 @@
-"""Confidence regions in a plan: error ellipses and intervals of heights, exaggerated, drawn."""
+"""Confidence regions in a plan: error ellipses and height intervals, exaggerated and drawn."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files of figures as .png, .svg or .pdf: all figures of an adjustment, or a single one."""
+"""Figure files .png, .svg or .pdf: every figure of an adjustment into a folder, or a single one."""
 
 from __future__ import annotations
 

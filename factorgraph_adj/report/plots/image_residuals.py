@@ -1,4 +1,4 @@
-"""Image points as arrays with test values, mean photos, worst photos; vectors and their scale."""
+"""Image residuals as arrays: test values, mean photos, worst photos; drawing of their vectors."""
 
 from __future__ import annotations
 

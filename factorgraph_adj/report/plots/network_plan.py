@@ -1,4 +1,4 @@
-"""The plan of an adjusted network, or its heights along a schematic order; axes with digits.
+"""Figure of an adjusted network: plan, or heights in a schematic order of points; axis scales.
 
 Heights without plan coordinates are drawn over a schematic order of the points along the lines.
 """

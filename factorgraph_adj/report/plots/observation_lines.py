@@ -1,4 +1,4 @@
-"""Observed lines and photos in a plan; rejected and suspect observations in plans and photos."""
+"""Drawing of observed lines, photo outlines, rejected and suspect observations in plans, photos."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures of photos: residuals in one, in several, as means; how much of the sensor is covered.
+"""Figures of image residuals of one photo, of several, or mean ones of a camera; sensor coverage.
 
 The sensor is drawn with its format and with the part of it that image points cover.
 """

@@ -1,4 +1,4 @@
-"""Points of a plan: status, symbols, extent, names where there is room, and the legend."""
+"""Points and instruments of a plan: status, symbols, window, names without overlap, legend."""
 
 from __future__ import annotations
 

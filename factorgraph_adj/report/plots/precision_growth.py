@@ -1,4 +1,4 @@
-"""Figure of standard deviations that shrink while observations come in."""
+"""Figure of σ of points after each arrival of observations, with the gross errors caught."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures of test values and redundancy numbers: histogram, quantiles, distributions."""
+"""Figures of test values w (histogram, normal quantiles) and of redundancy numbers by kind."""
 
 from __future__ import annotations
 

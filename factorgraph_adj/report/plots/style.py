@@ -1,4 +1,4 @@
-"""Common parts of figures: matplotlib, style, doubts written over them, numbers, scale keys."""
+"""Common parts of figures: matplotlib style, titles, doubts, round factors, scale keys, legends."""
 
 from __future__ import annotations
 
