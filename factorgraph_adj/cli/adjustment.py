@@ -1,4 +1,4 @@
-"""The commands ``adjust``, of a network as a whole or in parts, and ``plot``; exit codes."""
+"""Commands ``adjust``, with data snooping or in parts, and ``plot``: options, run, exit codes."""
 
 from __future__ import annotations
 

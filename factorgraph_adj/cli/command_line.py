@@ -1,4 +1,4 @@
-"""The command ``factorgraph-adj``: its table of commands, and a parser that suggests words.
+"""Command ``factorgraph-adj``: its table of commands, parsers that suggest words, exit codes.
 
 Commands are check, convert, join, compare, adjust, plot, stream, plan, propose. Each command adds
 its arguments when it is called, and returns an exit code of `factorgraph_adj.cli.messages`.

@@ -1,4 +1,4 @@
-"""The command ``compare``: two epochs adjusted, common motions, and files of what moved."""
+"""Command ``compare``: two epochs read, adjusted and compared, common motions, result files."""
 
 from __future__ import annotations
 

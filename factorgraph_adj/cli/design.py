@@ -1,4 +1,4 @@
-"""The commands ``plan`` and ``propose``: designs before the measurement, results as text."""
+"""Commands ``plan`` (a design, its targets) and ``propose`` (cheapest additions to it), as text."""
 
 from __future__ import annotations
 

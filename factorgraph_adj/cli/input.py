@@ -1,4 +1,4 @@
-"""Options that read the input of a command: its format, its grid; settings typed as KEY=VALUE."""
+"""Options of reading a project, and its reading: format, settings KEY=VALUE, reference system."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The stream as a terminal view (extra ``cli``): counts, verdicts, points, latency.
+"""Terminal view of the stream (extra ``cli``): counts, verdicts, weakest points, latency.
 
 The view receives only the answers of `factorgraph_adj.service.stream`; it therefore shows exactly
 the information that a program at the other end of the pipe has.

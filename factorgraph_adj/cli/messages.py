@@ -1,4 +1,4 @@
-"""Exit codes, and messages on stderr: problems summed up, warnings, progress on a terminal.
+"""Exit codes; messages on stderr: repeated problems summed up, warnings, progress of iterations.
 
 A wrong unit or a shifted column gives the same problem in every row of a file. Problems are the
 same where they ask for the same remedy and are in the same file, whatever their numbers and names:

@@ -1,4 +1,4 @@
-"""The commands ``check``, ``convert``, ``join``: networks without an adjustment."""
+"""Commands ``check`` (problems and doubts), ``convert`` and ``join``, without an adjustment."""
 
 from __future__ import annotations
 

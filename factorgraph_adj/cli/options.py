@@ -1,4 +1,4 @@
-"""Options that commands share: adjustment, left-out unknowns, tests, report, exports, lines."""
+"""Options that commands share, and their use: adjustment, tests, pairs of places, exports."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command ``stream``: the protocol of `service.stream` in a pipe, resumption, signals.
+"""Command ``stream``: answers of `service.stream` in a pipe, resumption from a journal, signals.
 
 Every input line gives one output line, which is flushed. The command ends with exit code 0 at the
 end of input, on ``{"do": "stop"}``, on SIGTERM and when the reader of the answers closes the pipe;
