@@ -1,4 +1,4 @@
-"""DXF drawings for CAD (extra ``dxf``), and PLY for programs that show point clouds."""
+"""DXF drawings (extra ``dxf``) of points, ellipses and observations; PLY of points and photos."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Formats of solutions by suffix: their table and writing; arrays of xarray, frames of pandas.
+"""Formats of results by suffix, and writing; arrays of xarray, pandas frames, JSON Schema.
 
 A new format needs one function that writes a solution, and one line in `EXPORT_FORMATS`. A
 solution can be written in every format of a network as well, with adjusted values for given ones.

@@ -1,4 +1,4 @@
-"""GeoPackage: the layers of a solution in one file with their styles for QGIS (QML).
+"""GeoPackage: map layers of a result in one SQLite file, with their styles for QGIS (QML).
 
 OGC 12-128 (GeoPackage Encoding Standard 1.3): a SQLite database whose tables of features have a
 geometry in the form "GP", version, flags, reference system, envelope, WKB. The styles of the layers

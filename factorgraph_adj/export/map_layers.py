@@ -1,4 +1,4 @@
-"""Layers of a map of an adjustment or of two epochs: placed shapes, exaggeration, plain columns."""
+"""Map layers of an adjustment or two epochs: shapes in map coordinates, columns, exaggeration."""
 
 from __future__ import annotations
 

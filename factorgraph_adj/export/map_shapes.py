@@ -1,4 +1,4 @@
-"""Points, ellipses, photos, footprints, observations as shapes in the frame of the network.
+"""Shapes with columns in the frame: points, ellipses, footprints, observations, differences.
 
 A footprint is where the edge of the sensor meets the ground. Observations are lines and places,
 each with its residual and its test value.
