@@ -1,4 +1,4 @@
-"""Answers of the stream as JSON: estimates, verdicts, reliability, snooping, refusals, faults.
+"""Answers of the stream as JSON: verdicts, estimates, reliability, causes, snooping, refusals.
 
 The names are those of the CSV tables of a solution (`factorgraph_adj.report.result_files`). The
 stream writes numbers that are not finite as null.

@@ -1,4 +1,4 @@
-"""Lines of the stream as read: JSON objects, ids, new cameras and unknowns, observations.
+"""Requests of the stream, parsed and checked: JSON lines, ids, new unknowns, observations.
 
 The `FieldRow` of a line collects all problems, so that one answer lists them together.
 """

@@ -1,4 +1,4 @@
-"""The protocol of ``factorgraph-adj stream``: commands and observations line by line, answered.
+"""Protocol of ``factorgraph-adj stream``: observations and commands line by line, with answers.
 
 Every line, also an empty one, gets exactly one answer; answers keep the order of the lines. A
 faulty line changes nothing, and the stream continues.
