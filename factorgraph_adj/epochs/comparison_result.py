@@ -1,4 +1,4 @@
-"""Result of a comparison of two epochs: displacements, ratio of variances, common scale.
+"""Result of a comparison of two epochs: displacements, tests, variance ratio, common scale.
 
 A common scale s of the reference points of two free epochs is found with
 

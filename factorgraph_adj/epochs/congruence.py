@@ -1,4 +1,4 @@
-"""The comparison of two epochs in four steps: `congruence`; the tests: `congruence_tests`.
+"""Comparison of two epochs by `congruence`: variance ratio, reference test, search, displacements.
 
 The two epochs are compared in four steps (Pelzer 1971; Niemeier, Ausgleichungsrechnung, 2008):
 

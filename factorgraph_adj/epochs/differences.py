@@ -1,4 +1,4 @@
-"""Differences between two epochs, with cofactors; which points are reference, object, held.
+"""Differences between two epochs with cofactors and open motions; reference and object points.
 
 d = x₂ − x₁ and Q_d = Q₁ + Q₂; where both epochs stand in one adjustment, with the first and the
 second place of a point as two points, Q_d = Q₁₁ + Q₂₂ − Q₁₂ − Q₂₁. The motions G that the
