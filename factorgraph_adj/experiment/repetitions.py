@@ -1,4 +1,4 @@
-"""Execution of repetitions with their outcomes: in this process, on processes or on Dask.
+"""Execution of repetitions with figures or errors: one alone, in processes, or on Dask.
 
 Each process has its own pipe and reports every finished repetition. A process that ends is
 replaced; its first unreported repetition is the one that ended it, and all others run normally.

@@ -1,4 +1,4 @@
-"""Runs of an experiment: every repetition of every cell; results in a file, as tables and arrays.
+"""Run of an experiment, resumed from its file of repetitions; results as tables and arrays.
 
 >>> results = run(Experiment("distances", trial, {"distances": [24, 28, 60]}, 1986), 500,
 ...               out="distances.jsonl", processes=2)                      # doctest: +SKIP

@@ -1,4 +1,4 @@
-"""An experiment: a trial, its factors with their levels and cells, seeds of its repetitions."""
+"""Experiment: a trial, its factors with levels and cells, and the seeds of its repetitions."""
 
 from __future__ import annotations
 
