@@ -1,4 +1,4 @@
-"""Places with covariances in grid coordinates and in WGS 84, for tables and maps."""
+"""Places with covariances from the frame to grid coordinates and to WGS 84, for tables and maps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The reference system of a network: grid coordinates and heights to its frame, and back."""
+"""Reference system of a network: grid coordinates and heights to its frame, and back."""
 
 from __future__ import annotations
 

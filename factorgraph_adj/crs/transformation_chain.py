@@ -1,4 +1,4 @@
-"""Steps from grid coordinates to geodetic ones, and back; seven parameters; numbers of zones.
+"""Chain of grid, geodetic and datum coordinates, and back: projection, seven parameters, geoid.
 
 The datum is that of a frame. One of the steps may be a similarity of seven parameters between two
 geocentric systems.
