@@ -1,4 +1,4 @@
-"""Section [crs] of a project, read and written: reference system, geoid, axes of its tables."""
+"""Section [crs] of a project, read and written: system, geoid, seven parameters, axes of a grid."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Limits of formats: refusals of writers; their calibrations, points in the grid and scalar σ.
+"""Refusals of what a format cannot express; calibrations, grid points and scalar σ for writers.
 
 `Refusals` collects everything that a format cannot express. `GridPoints` and `scalar_sigmas` give
 coordinates in the grid and standard deviations as single numbers, which formats of survey programs

@@ -1,4 +1,4 @@
-"""Options of the functions that read and write formats: names, groups, types, refusals.
+"""Options of readers and writers from their signatures: names, groups, checked values.
 
 An argument whose default is a dataclass, such as ``accuracies: Accuracies = USUAL``, is a group of
 options: each field of the dataclass is an option of its own too.

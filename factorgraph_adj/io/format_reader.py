@@ -1,4 +1,4 @@
-"""Reader of one format: by what its files are recognised, and the function that reads them.
+"""Record of the reader of one format: suffixes, recognition by content, function that reads.
 
 A module of `io.survey`, `io.gnss` or `io.photogrammetry` states its reader as ``READER``, and
 `io.readers` finds it; `io.readers.register_reader` takes others.

@@ -1,4 +1,4 @@
-"""One observation as a row of a table or a dict of text, there and back; its values and σ.
+"""Observations from and to records of text, as in tables and JSON: names, values, σ, covariances.
 
 The fields are the columns of ``observations.csv`` and ``images.csv``, and the keys of JSON
 Lines. A record fills the fields of its kind:

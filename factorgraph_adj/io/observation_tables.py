@@ -1,4 +1,4 @@
-"""Reader of the tables images.csv, observations.csv, covariances.csv and doubts.csv."""
+"""Reader of images.csv, observations.csv, covariances.csv, and doubts.csv on reduced readings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reader of projects: a TOML file with frame, units, cameras, σ and options; its CSV tables.
+"""Reader of projects: a TOML file (frame, units, cameras, σ, options) with its CSV tables.
 
 The TOML file states name, datum, frame, units, cameras, standard deviations by kind, and options.
 The tables have one entity or observation in each row; `factorgraph_adj.io.unknowns_tables` and

@@ -1,4 +1,4 @@
-"""Table of the formats that can be read, by suffix and content; reading of any file.
+"""Table of the formats that can be read, by suffix and content; `read` of a file of any of them.
 
 A new format needs one module of `io.survey`, `io.gnss` or `io.photogrammetry` with a function that
 reads a file and its ``READER``.

@@ -1,4 +1,4 @@
-"""Sources: files with fields that check their values, all problems, and rows that are left out.
+"""Sources: fields of files that check their values, all problems by place, rows left out.
 
 A `Field` is one value of a file with its place: its methods return a number, a name, a choice or a
 flag, or note what is wrong and return a value that `is_unread` knows, so that a reader continues

@@ -1,4 +1,4 @@
-"""Tables points.csv and photos.csv: their columns; reader of them and of parameters' tables."""
+"""Reader of points.csv, photos.csv (with carriers) and tables of parameters; their columns."""
 
 from __future__ import annotations
 

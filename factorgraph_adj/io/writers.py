@@ -1,4 +1,4 @@
-"""Writers of files by suffix: the table of the formats in which a network can be written.
+"""Table of the formats in which a network can be written, by suffix or name.
 
 A new format needs one module with a function that writes a network, and one line in `WRITERS`.
 """

@@ -1,4 +1,4 @@
-"""DynaML, the XML of DynAdjust: reader of its stations, writer of stations and measurements.
+"""Reader and writer of DynaML, the XML of DynAdjust: geodetic stations and measurements.
 
 Format: ICSM, DynAdjust User's Guide, DynaML.xsd 1.0.2 (2020).
 

@@ -1,4 +1,4 @@
-"""Reader of AICON 3D Studio: .phc, .eor, .obc, .ior and .scale files of one block.
+"""Reader of AICON 3D Studio (.ior, .eor, .obc, .phc, .scale): cameras, photos, points, scale bars.
 
 Lengths are millimetres, angles radians; image coordinates have x right and y up. ``Ck`` is the
 negative principal distance. Columns of the files:

@@ -1,4 +1,4 @@
-"""Parts of readers of blocks: pixel cameras, image points, reasons of left-out rows, similarity.
+"""Parts of readers of photo blocks: pixel cameras, image points, left-out rows, matrices s R.
 
 Programs that count pixels have the origin at a corner and y down. In a network image coordinates
 are pixels with the origin at the upper left corner of the upper left pixel, x right and y up:

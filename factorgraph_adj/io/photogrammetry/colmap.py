@@ -1,4 +1,4 @@
-"""Reader of COLMAP: a sparse model with its rigs and reference tables as a network."""
+"""Reader of COLMAP: a sparse model with its rigs, control and prior positions as a network."""
 
 from __future__ import annotations
 

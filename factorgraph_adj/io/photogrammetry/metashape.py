@@ -1,4 +1,4 @@
-"""Reader of Metashape and PhotoScan (.psz, .psx, .xml): markers, tie points, scale bars.
+"""Reader of Metashape and PhotoScan (.psz, .psx, .xml): cameras, markers, tie points, scale bars.
 
 An exported file has the cameras and markers of a chunk. This module adds markers, tie points and
 scale bars.

@@ -1,4 +1,4 @@
-"""Reader of projects of Comp3D (IGN), local or in a grid: observations of lines, deflections.
+"""Reader of Comp3D projects (IGN), local or in a grid: points, observations, sets, deflections.
 
 Format: IGN France, Comp3D 5, user documentation (OBS file, COR file, project configuration).
 """

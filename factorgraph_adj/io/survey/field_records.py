@@ -1,4 +1,4 @@
-"""Records of lines of survey files as tables: their fields, the units, and fixed widths.
+"""Fields of survey-file lines by order, key or width: names, numbers, lengths, angles in SI.
 
 A format whose lines have fields in an order, in columns, or by keys is a table of its records. Each
 field has a name for the reader, a name in messages and a function that reads it: `read_name`,

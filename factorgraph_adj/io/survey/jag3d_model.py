@@ -1,4 +1,4 @@
-"""Data of JAG3D: rows, groups, types, reductions; points, deflections and σ of a network.
+"""Records of JAG3D (points, groups, reductions), and their points, deflections and σ in a network.
 
 JAG3D's x points north, its y east, its z up. Files have y first, so that y, x, z are the x, y, z
 of a frame with axes east, north. A group of observations has one standard deviation of three
