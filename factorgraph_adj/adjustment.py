@@ -1,4 +1,4 @@
-"""`adjust` a network in memory, all or its determined part; the memory that this needs."""
+"""Least-squares adjustment of a network, or of its determined part (`adjust`); its memory needs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One BLAS thread during computations, and one computation at a time in objects with a lock.
+"""Decorators for one BLAS thread during computations, and for one method at a time of an object.
 
 The BLAS libraries of numpy and scipy start as many threads as there are processors. The matrices
 here are small: with two threads an adjustment takes twice the CPU time that it takes with one, and

@@ -1,4 +1,4 @@
-"""Constructors that say which arguments are missing, unknown or too many."""
+"""Metaclass whose constructors say which arguments are missing, unknown or too many."""
 
 from __future__ import annotations
 

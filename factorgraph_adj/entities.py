@@ -1,4 +1,4 @@
-"""Classes of points, cameras, photos, parameters, image tables; checked values of parameters.
+"""Points, cameras, photos, parameters and image tables of a network, with checks of their values.
 
 A `Network` holds these entities by name and checks the names by which they refer to others.
 """

@@ -1,4 +1,4 @@
-"""Exceptions, problems and doubts, what was left out; texts on valid and similar names."""
+"""Exceptions with lists of problems; records of doubts and of what was left out; similar names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Safe reading: paths, links, sizes, packed files; inputs that outputs must not replace.
+"""Safe reading of files: paths, links, sizes, packed content; inputs protected from outputs.
 
 Files may come from anybody. A file of a few kilobytes must not fill the memory, and a message
 about it must not show lines of another file of the machine.

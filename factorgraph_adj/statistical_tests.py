@@ -1,4 +1,4 @@
-"""Distributions and levels of tests; the global test of σ0, and χ² tests of items.
+"""Quantiles, probabilities and default levels of tests; global test of σ0, χ² test of an item.
 
 The functions call `scipy.special`, as `scipy.stats` does, and give the same figures to the last
 bit. The import of `scipy.stats` takes longer than the import of the rest of the package.

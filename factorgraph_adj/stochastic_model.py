@@ -1,4 +1,4 @@
-"""Standard deviations of several parts, as makers and surveyors state them; whitening."""
+"""Standard deviations of parts (constant, ppm, √km, centring); whitening of covariances."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Names of array types; the docstrings of functions state the shapes."""
+"""Types of arrays of floats, indices, masks and keys; docstrings of functions state the shapes."""
 
 from __future__ import annotations
 
