@@ -1,4 +1,4 @@
-"""Heights from air pressure, and the slope of surfaces of equal pressure from the wind.
+"""Standard atmosphere: heights from pressure and back; slope of surfaces of equal pressure by wind.
 
 International Standard Atmosphere (ICAO Doc 7488; ISO 2533:1975) below 11 km. Pressures are in Pa,
 heights in metres, angles in radians, speeds in metres per second.

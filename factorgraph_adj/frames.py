@@ -1,4 +1,4 @@
-"""Local, geocentric and topocentric frames of the object; east, north and up at stations.
+"""Local, geocentric, topocentric frames: conversions; east, north, up at stations, with partials.
 
 Every station has an astronomic frame (e, n, u), the rows of a rotation that depends on
 the position X of the station and on its deflections (ξ, η) from the normal of the frame:

@@ -1,4 +1,4 @@
-"""PROJ through pyproj: reference systems by name, and operations between them.
+"""PROJ through pyproj: systems by definition, best operations between them (no ballpark ones).
 
 Axes are east, north, up (``always_xy``). A ballpark operation, which passes a height on as it is
 where PROJ has no geoid, is never taken; a grid that is missing is an error that names it.

@@ -1,4 +1,4 @@
-"""Reference system of a network: grid coordinates and heights to its frame, and back."""
+"""Reference system (EPSG, WKT, PROJ; geoid) of a network: grid coordinates to frames and back."""
 
 from __future__ import annotations
 

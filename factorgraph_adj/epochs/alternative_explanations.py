@@ -1,4 +1,4 @@
-"""Explanations other than displacements: mistakes, exchanged names, copied readings, scale, datum.
+"""Explanations other than displacements: mistakes, names, copied readings, scale, held points.
 
 - A mistake in one epoch, which its readings alone reveal: a wrong height of an instrument or
   another prism constant bends the points of its epoch. The tests are those of any adjustment.

@@ -1,4 +1,4 @@
-"""Section and CSV tables of data snooping: rejected, readmitted and unresolved observations."""
+"""Section, tables and snooping.csv of data snooping: rejected, readmitted, unresolved."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cameras of a Metashape chunk as photos, its sensors as cameras; calibrations there and back.
+"""Sensors of Metashape as cameras, its cameras as photos with positions; calibrations both ways.
 
 Metashape and PhotoScan distort the ideal coordinates (x, y) of a ray, y down, r² = x² + y²:
 

@@ -1,4 +1,4 @@
-"""Fields of survey-file lines by order, key or width: names, numbers, lengths, angles in SI.
+"""Records of survey-file lines as tables of fields by order, key or width, read in SI units.
 
 A format whose lines have fields in an order, in columns, or by keys is a table of its records. Each
 field has a name for the reader, a name in messages and a function that reads it: `read_name`,

@@ -1,4 +1,4 @@
-"""Reader of networks of GNU Gama: ``.gkf``, the XML input of gama-local.
+"""Reader of ``.gkf``, the XML input of GNU Gama (gama-local): points, observations, covariances.
 
 Format: A. Čepek, GNU Gama 2.33, manual, chapter "XML input data format for gama-local".
 """

@@ -1,4 +1,4 @@
-"""Reader of Trimble's JobXML (``.jxl``), the field book of Trimble Access.
+"""Reader of Trimble's JobXML (``.jxl``): points, set-ups and sights of total stations.
 
 Elements: Trimble, JobXML schema 5.x. Angles are degrees, lengths metres, whatever the units that
 the job displays.

@@ -1,4 +1,4 @@
-"""Reader of inputs of LGC2, the adjustment program of CERN: blocks become observations.
+"""Reader of inputs of LGC2 (CERN): frames, points and blocks of observations as a network.
 
 Format: CERN, LGC2 user guide; what its documents leave open was found from its tests:
 

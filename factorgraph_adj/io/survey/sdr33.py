@@ -1,4 +1,4 @@
-"""Reader of Sokkia's field books: SDR33 and SDR2x.
+"""Reader of Sokkia's field books SDR33 and SDR2x: points, set-ups and sights of total stations.
 
 Records of fixed width: Sokkia Technology, "Interfacing with the SOKKIA SDR Electronic Field Book",
 1999, chapter 3. A record has a type of two digits, a derivation code of two characters, and fields:

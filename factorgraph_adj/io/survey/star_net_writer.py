@@ -1,4 +1,4 @@
-"""Writer of data files of STAR*NET, with a standard error in every line."""
+"""Writer of STAR*NET data, local or in a grid: points, observations, vectors, each with its σ."""
 
 from __future__ import annotations
 

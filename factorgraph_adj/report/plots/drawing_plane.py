@@ -1,4 +1,4 @@
-"""Plan or side view of a network: coordinates, ellipses, instruments, drawn outlines of shapes.
+"""Plan or side view: coordinates, covariances, ellipses, instruments in frames, shape outlines.
 
 Outlines of shapes follow from their estimates and their points.
 """

@@ -1,4 +1,4 @@
-"""Drawing of observed lines, photo outlines, rejected and suspect observations in plans, photos."""
+"""Drawing of observed lines, photos, suspects and rejected in plans; rejected ones on photos."""
 
 from __future__ import annotations
 
