@@ -1,4 +1,4 @@
-"""Text files: encodings, first bytes, and TOML whose problems name the line of their key.
+"""Text files: encodings, first bytes for recognition; TOML with lines of keys for its problems.
 
 Python's reader of TOML keeps no places. A problem of a TOML file names its table, and its text
 names the key concerned; `TomlPlaces` finds the line from both.

@@ -1,4 +1,4 @@
-"""Reader of scripts of DBAT: control, prior positions, photos and marks of tables, datum.
+"""Reader of DBAT scripts and their tables: cameras, control, photos, prior poses, marks, datum.
 
 Columns of the tables are named by the script. Pixels count from the upper left corner, y down.
 """

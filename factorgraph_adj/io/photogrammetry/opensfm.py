@@ -1,4 +1,4 @@
-"""Reader of OpenSfM and ODM: reconstruction.json, tracks.csv, frame, control and check points."""
+"""Reader of OpenSfM and ODM: cameras, photos, points, tracks, frame, ground control points."""
 
 from __future__ import annotations
 

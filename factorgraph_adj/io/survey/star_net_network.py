@@ -1,4 +1,4 @@
-"""Network of a STAR*NET project, local or in a grid, and coordinates of the points of the grid."""
+"""Network of a STAR*NET project, local or in a grid; grid coordinates of points given by φ, λ."""
 
 from __future__ import annotations
 
