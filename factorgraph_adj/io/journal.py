@@ -1,4 +1,4 @@
-"""The journal of transactions: JSON lines in a chain of digests, locks, and lines torn at its end.
+"""Journal file: JSON lines in a chain of digests, appended under a lock; torn last line left out.
 
 The first line is the header ``{"journal": 4, …}``, every further line one entry, an object. A
 line counts as recorded when all of it is in the file. Whatever stops the process, the file

@@ -1,4 +1,4 @@
-"""Table of the formats in which a network can be written, by suffix or name.
+"""Table of the formats of networks by suffix or name, and writing of a network in any of them.
 
 A new format needs one module with a function that writes a network, and one line in `WRITERS`.
 """
