@@ -1,4 +1,4 @@
-"""Adjustment in progress: equations, state and datum, and errors for undetermined unknowns.
+"""State of an adjustment under way: values, AᵀPv, datum defects; errors of datum, rank, overflow.
 
 Datum defects are searched for at its start, and undetermined unknowns after a poor pivot and where
 it ends without a minimum.

@@ -1,4 +1,4 @@
-"""Datum defects of connected parts, the minimal datum, and the S-transformation of cofactors.
+"""Motions of a network, datum defects of connected parts, minimal datum, S-transformation.
 
 A similarity transformation of the object moves every variable in a known way (`generators`). The
 combinations g of its seven motions that no observation notices, A g = 0, are the datum defects.

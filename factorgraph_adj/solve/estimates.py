@@ -1,4 +1,4 @@
-"""Estimates with their precision; tables of points, photos, unknowns and observations."""
+"""Adjusted poses, calibrations, geodetic coordinates, network; tables of unknowns, observations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Factorisation of a whole network by Cholesky or QR: pivots, solutions and covariances."""
+"""Factorisation of N in two layers by Cholesky or QR: plan, pivots, solutions, covariances."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Feasible states: points ahead of cameras, principal distances, starts off lines of offsets.
+"""Feasible states: points ahead of cameras, bounded principal distances, starts off offset lines.
 
 Steps keep points in front of their cameras, and solutions are checked for it. Steps keep the sign
 of principal distances, too, and take no more than half of one: with c = 0 all image points are at

@@ -1,4 +1,4 @@
-"""Symmetric matrices of equal blocks in dense fronts: Cholesky factor, solution, inverse blocks.
+"""Cholesky of symmetric block matrices in dense fronts: solution, inverse blocks, reduced root.
 
 Each front of `factorgraph_adj.solve.nested_dissection` is a dense matrix in LAPACK: with the
 columns that it eliminates (o) and the columns that remain (b, the later nodes and the border of

@@ -1,4 +1,4 @@
-"""The Gauss-Newton iteration: steps are tried, damped or extrapolated until convergence.
+"""The Gauss-Newton iteration: damped, accelerated, extrapolated and Newton steps, and its end.
 
 The criterion is rigorous and free of units: for a step dx of N dx = −AᵀPv, Cauchy-Schwarz
 bounds the step of every unknown, and of every function of the unknowns, relative to its own

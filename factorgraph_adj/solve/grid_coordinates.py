@@ -1,4 +1,4 @@
-"""Adjusted points and photos in the grid of the reference system, or points in WGS 84."""
+"""Adjusted points and photos in the map grid, with precision and tables; points in WGS 84."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cofactors of a solved base in reduced coordinates, and the validity of its linear forms.
+"""Cofactors of a solved base in reduced coordinates; errors of its linear forms, also predicted.
 
 Cofactors. A point that only cameras see follows the other unknowns, x_p = C x + L⁻ᵀ e, where e is
 independent of them and of all other points and has the covariance I (`ReducedPoints.carried`). The

@@ -1,4 +1,4 @@
-"""Linearised observation equations: whitened residuals v and partials A, AᵀPv, diagonal of N.
+"""Linearised blocks, clusters and users' rows: whitened v and A, AᵀPv, A x, diagonal of N.
 
 The system has all columns of variables with a free component; partials by held components are
 zero. Rows are whitened, except those of clusters, whose whitening joins several observations

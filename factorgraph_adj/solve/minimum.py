@@ -1,4 +1,4 @@
-"""Adjustment to the minimum of vᵀPv: iterations, weights by lengths, second places, datum."""
+"""Adjustment from a start or with other weights: reweighting by lengths, second minima, datum."""
 
 from __future__ import annotations
 

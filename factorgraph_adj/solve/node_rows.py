@@ -1,4 +1,4 @@
-"""Observations that are no rays in the blocks of the reduced system, and spokes to points.
+"""Observations other than rays: sums by nodes of the reduced system; spokes of first-layer points.
 
 Each observation touches a few nodes, and columns of the border. Which nodes, and where the partials
 by each variable are in them, is found once for a network (`NodeRows`); a linearisation then sums

@@ -1,4 +1,4 @@
-"""Normal equations at one state: solver, minimal datum, check of covariances by probes.
+"""Normal equations at a state: Cholesky or QR, minimal datum; covariances probed, or refused.
 
 N is factorised with any addition to its diagonal. A few random probes check the covariances of a
 factorisation: with white noise Z of the whitened observations, X = Q Aᵀ Z are estimates whose

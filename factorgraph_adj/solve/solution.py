@@ -1,4 +1,4 @@
-"""The solution of an adjustment: values, cofactors, redundancy, tables and summary."""
+"""Solution of an adjustment: values, covariances, redundancy, tables, summary; at other states."""
 
 from __future__ import annotations
 

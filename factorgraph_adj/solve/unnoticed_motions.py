@@ -1,4 +1,4 @@
-"""Motions of a network to which rows are sensitive without determining them; motions of stations.
+"""Motions that rows leave open, or notice without determining them; motions of stations.
 
 Some rows change with a motion of the whole network and nevertheless determine nothing of it:
 
