@@ -1,4 +1,4 @@
-"""Significance tests of calibration and instrument parameters; correlations of two of them.
+"""Significance of calibration and instrument parameters; their multiple and pair correlations.
 
 Each parameter of interior orientation, lens distortion, distance meters and refraction is tested
 against its value without a systematic error, and strong correlations with other unknowns are

@@ -1,4 +1,4 @@
-"""Data snooping of a network by iterated tests: `snoop`, and the choice of the start of its search.
+"""Data snooping by iterated tests: `snoop`; choice of its start, also one without misfitting rays.
 
 A round tests every observation (Baarda's w, or Pope's τ if σ0 is unknown), and rejects the worst
 observations by the rule of `snooping_candidates`. After a round without a new gross error, the

@@ -1,4 +1,4 @@
-"""Choice of the observations that one round of data snooping rejects.
+"""Choice of the observations that a snooping round rejects, by test values and correlations.
 
 The candidates are the observations whose test value exceeds the critical value, in descending
 order. A candidate is rejected if

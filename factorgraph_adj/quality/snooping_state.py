@@ -1,4 +1,4 @@
-"""Test values without what is rejected, by low-rank update or weights, and of users' factors.
+"""Data snooping so far: tests without what is rejected, by update or weights; users' factors.
 
 Observations leave the solution in one of two ways without a new adjustment. Few rows leave by a
 low-rank update of the factor, as long as what the linear model neglects cannot change the choice of

@@ -1,4 +1,4 @@
-"""Table of readings from stations to targets, with partials by all that they depend on."""
+"""Table of scalar readings from stations to targets: values, partials; recorded target heights."""
 
 from __future__ import annotations
 

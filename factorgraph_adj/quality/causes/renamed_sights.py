@@ -1,4 +1,4 @@
-"""Fit of sights under other names to the core: the network without points that misfit.
+"""Core network without misfitting points; sights of set-ups, fitted to it under other names.
 
 The core is what is left of a network without the points of readings that do not fit. These points
 (the suspects) leave the network, and what is left is adjusted. Stations, and points that place the

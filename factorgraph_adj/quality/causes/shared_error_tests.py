@@ -1,4 +1,4 @@
-"""Tests of errors with given columns, of held given values, and of scales of coordinates.
+"""T² tests of errors with given columns, alone or conditional; held given values; axis scales.
 
 Where observations l have an error C ∇ with unknown ∇ (q,), the model is f(x) + C ∇ = l. With the
 residuals v and P Q_vv P = P − P A Q AᵀP of the adjustment without ∇,
