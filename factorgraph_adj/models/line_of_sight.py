@@ -1,4 +1,4 @@
-"""The line of sight in the horizon of its station, and its partials by the variables.
+"""The line of sight in the horizon of its station; partials by both points and both verticals.
 
     d = (X_j + h_t u_j) − (X_i + h_i u_i)          q = (e·d, n·d, u·d)
 

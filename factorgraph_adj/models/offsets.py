@@ -1,4 +1,4 @@
-"""Offsets read on a scale, readings of water levels, stretched wires with sag (FRAMES F13).
+"""Offsets from planes, lines and sights; water levels; stretched wires with sag (FRAMES F13).
 
 Each function takes the variables it touches as arrays (n, …), the observed values (n, 1) and
 constants, and returns v = computed − observed, metres, with partials in the order of the variables.

@@ -1,4 +1,4 @@
-"""Positions of points and antennas, ranges, GNSS vectors, heights, weighted components.
+"""Positions of points and antennas, ranges, bases, GNSS vectors, surface heights, weighted values.
 
 Heights above the reference surface, and above surfaces of equal pressure and of water (FRAMES F9):
 

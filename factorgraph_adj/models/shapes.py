@@ -1,4 +1,4 @@
-"""Shapes by equations and sizes; relations of points: ratios, right angles, directions.
+"""Shapes by equations, sizes; relations of points: ratios, right angles, directions, differences.
 
 A shape is a frame, and its equation is a function f(q) = 0 in this frame: q is the place of a point
 in it, see `sub_frame`, ρ = √(q₁² + q₂²). The frame has the scale one, so that residuals are metres;

@@ -1,4 +1,4 @@
-"""Terrestrial observation equations: distances, angles, azimuths, levelling, astronomic Φ, Λ.
+"""Terrestrial models: distances, directions, angles, azimuths, levelling, astronomic Φ, Λ; faces.
 
 The page docs/reference/observation_equations.md has the formulas.
 
