@@ -1,4 +1,4 @@
-"""`IncrementalAdjustment`, the class for users: commands in, verdicts out, a journal."""
+"""`IncrementalAdjustment` for users: commands, verdicts, retirement, a journal, resumption."""
 
 from __future__ import annotations
 

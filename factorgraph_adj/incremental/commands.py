@@ -1,4 +1,4 @@
-"""Commands on an incremental state: add, remove, replace, reweight, accept, reject, settle.
+"""Commands on an incremental state: add, remove, replace, reweight, accept, discard, snoop, settle.
 
 Each is a function of a state, and returns another state and its result. After a removal, unknowns
 that only the removed observations determined wait again.

@@ -1,4 +1,4 @@
-"""Local networks of arrivals: their limits, datum and Gauss-Newton steps, and oriented photos.
+"""Local networks of arrivals: limits, datum, Gauss-Newton steps, blunders, oriented photos.
 
 Photos may arrive without poses. Resection from known points and observations of a pose come first,
 as approximate values. Photos for which these do not suffice are oriented from image points, against

@@ -1,4 +1,4 @@
-"""Tests of incoming observations by readjustment, at mirror images of points, at other minima.
+"""Tests of arrivals by readjustment, at mirror images, at other minima; doubts on sides of points.
 
 Some readings alone determine on which of two sides a point is. Where a point fits as well at its
 mirror image, one reading that fits on the other side only moves it there. If it is wrong, so is the

@@ -1,4 +1,4 @@
-"""Queries of the incremental state: estimates, precision, waiting and rejected ones, doubts."""
+"""Queries of the incremental state: estimates, precision, outcomes, doubts, network, solution."""
 
 from __future__ import annotations
 
