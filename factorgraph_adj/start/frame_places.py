@@ -1,4 +1,4 @@
-"""Frames from places observed in them, places from known frames; sights in frames as arrays.
+"""Frames from places observed in them, points from known frames; places and sights as arrays.
 
 What a network observes in frames of their own has one row for each place in a frame. A frame with
 common places is a similarity between coordinates q in the frame and places X: with y = E (X − O), y

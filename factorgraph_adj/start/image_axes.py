@@ -1,4 +1,4 @@
-"""Wrong marks of known points, by given poses: image axes other than stated, all in one place.
+"""Mistakes of all known points in images of given poses: other image axes, equal coordinates.
 
 The poses of a reconstruction show whether the marks of known points count along the stated axes:
 the rays of a point meet then, wherever the reconstruction lies. Rows that are counted from the

@@ -1,4 +1,4 @@
-"""Image rays; points where rays meet, where one ray and a height lead, and far away.
+"""Image rays; points by intersection, by one ray and a height or length, far ones at scene depth.
 
 Two rays or more of photos of known pose intersect in space. A single ray determines a point
 together with a height, a plan coordinate or a length (monoplotting). The depth of a point with

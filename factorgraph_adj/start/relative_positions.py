@@ -1,4 +1,4 @@
-"""Heights, surfaces, coordinates, attitudes, mounts: given, by differences, by relative poses.
+"""Heights, coordinates, poses, mounts from given values, differences, surfaces, relative poses.
 
 Levelled and trigonometric height differences lead from known heights to unknown ones. The height of
 a point above a surface is that of the surface plus a known number; a surface is known from a point

@@ -1,4 +1,4 @@
-"""Frames in a left-handed network, not level though stated so, or with circles in a wrong unit.
+"""Frames in a left-handed network, frames stated level but tilted, circles in a wrong unit.
 
 The axes of a frame may be left-handed, so that no rotation leads to those of the network; a frame
 that is stated to be level may be tilted. Angles in a wrong unit bend the places of a frame, so that

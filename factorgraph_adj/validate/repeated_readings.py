@@ -1,4 +1,4 @@
-"""Repeated readings that differ, duplicates, and copies that agree in all digits.
+"""Repeated readings, also forth and back, that differ; duplicates; blocks of copied readings.
 
 Readings of the same quantity, forth, back or again, must agree within their standard deviations.
 
