@@ -1,4 +1,4 @@
-"""What a block is oriented from: image points as rays, and what is known of the frame.
+"""Input of a block orientation: image points as rays; known places, attitudes and lengths.
 
 Known are coordinates of points and photos, attitudes, and lengths between points or photos.
 """

@@ -1,4 +1,4 @@
-"""Result of an orientation; photos by their known places; why others were not oriented.
+"""Result of a block orientation; photos of partly known pose; reasons why others failed; doubts.
 
 A photo with too few image points for a resection still has a pose if its projection centre or its
 attitude is known: two rays to points of the block give the rest. One ray leaves the rotation about

@@ -1,4 +1,4 @@
-"""Measurements of a plan with drawn errors, their true values; approximate values disturbed.
+"""Simulated measurements of a plan with drawn errors, its true values; disturbed start values.
 
 A plan is a `Network` whose given values are the true ones; its observed values are ignored. The
 measurements come from the same models that an adjustment uses. A simulation therefore tests

@@ -1,4 +1,4 @@
-"""Kinds of systematic errors unknown to the adjustment: lens, film, refraction, distances.
+"""Systematic errors of a simulation: lens, film, refraction, scale and zero of distances.
 
 Some errors concern quantities of the network, such as refraction or the scale of a tape: the
 readings are made with the true value, and the network has the assumed value. Other errors are in

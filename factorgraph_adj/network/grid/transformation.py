@@ -1,4 +1,4 @@
-"""Axes of a grid and of a frame on the Earth: options, places, rotations, partials."""
+"""Change of axes from a grid to a frame on the Earth: options, places, rotations, partials."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Points on shapes; laser trackers, scanners and their targets around an object."""
+"""Simulated points on walls, rails, pipes, spheres; trackers on a ring that sight targets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Instruments, and terrestrial observations of one kind between points of earlier parts."""
+"""Simulated instruments; terrestrial observations of one kind between points of earlier parts."""
 
 from __future__ import annotations
 
