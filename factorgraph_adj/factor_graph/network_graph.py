@@ -1,4 +1,4 @@
-"""A network as a factor graph of GTSAM: noise models, held components, inner constraints."""
+"""Network as a GTSAM factor graph: noise models, held components, inner constraints, eased ties."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Errors of linear forms: whether estimates follow the gradient, or need a new base.
+"""Errors of linear forms; systems kept near the minimum by gradient steps or a new base.
 
 An examination (`factorgraph_adj.solve.linear_base`) computes the error of the gradient by the
 linear forms of a base, and the change of variances; between two examinations both are predicted.

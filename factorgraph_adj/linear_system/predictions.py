@@ -1,4 +1,4 @@
-"""Predictions of observations that are left out from all accepted ones; tests of their innovations.
+"""Predictions of left-out observations from accepted ones; innovation tests, alone and joined.
 
 With the whitened innovation d of an observation or a correlated group (computed from the present
 estimates − observed), its whitened partials A and the joint covariance Q of the variables it

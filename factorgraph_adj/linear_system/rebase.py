@@ -1,4 +1,4 @@
-"""Batch adjustment of all accepted observations: the new base of a linear system."""
+"""New base of a linear system: batch adjustment of accepted observations, or of a section."""
 
 from __future__ import annotations
 

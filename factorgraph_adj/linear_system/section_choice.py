@@ -1,4 +1,4 @@
-"""Choice of the section of a large network that is adjusted, or of the whole."""
+"""Choice of the section of a large network to adjust, or of the whole; pieces of an arrival."""
 
 from __future__ import annotations
 
