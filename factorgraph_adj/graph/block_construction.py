@@ -1,4 +1,4 @@
-"""Construction of blocks from a network: observations, control and weighted unknowns."""
+"""Blocks from a network: observations, control, weighted unknowns, users' factors; variables."""
 
 from __future__ import annotations
 

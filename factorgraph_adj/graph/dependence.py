@@ -1,4 +1,4 @@
-"""Variables on which an observation depends, and the number of their free components."""
+"""Variables on which observations depend, in one network or two; their free components."""
 
 from __future__ import annotations
 

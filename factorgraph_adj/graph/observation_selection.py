@@ -1,4 +1,4 @@
-"""Networks without some of their observations, unknowns, points or photos."""
+"""Networks with some observations alone, or without some; without some unknowns, points, photos."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`ObservationKind`, the record of a kind, and its registration; quantities that kinds observe.
+"""`ObservationKind`, the record of a kind of observations, its registration; sets of quantities.
 
 A kind consists of a frozen dataclass (the observed values), a model function (the computed values)
 and the record `ObservationKind` that joins the two. `register_observation` adds a kind. The batch

@@ -1,4 +1,4 @@
-"""Equal distances, right angles, directions, parallel axes of shapes; image points of lines.
+"""Relations of points (ratios, right angles, directions, differences), of shapes; images of lines.
 
 Their observed values are zero as a rule; points and shapes come from other observations.
 """

@@ -1,4 +1,4 @@
-"""The adjustment of a network in parts: its phases, resumption of a killed run, its progress."""
+"""The adjustment of a network in parts: junctions, iteration, results; resumption, progress."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Junctions of a network in parts: agreement of the parts, places in the root, messages.
+"""Junctions of a network in parts: agreement of the parts, places in the root, records exchanged.
 
 Junctions are the unknowns that several parts have. All messages can be pickled.
 """

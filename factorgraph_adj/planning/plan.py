@@ -1,4 +1,4 @@
-"""Precision and reliability of a design before any reading, and displacements that it detects.
+"""Precision, reliability, detectable displacements of a design before readings; unmet targets.
 
 Covariances, redundancy numbers, smallest detectable errors and their effects depend only on
 geometry and weights. Therefore the readings are computed from the given values of the network, and
