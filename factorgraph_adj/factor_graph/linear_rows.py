@@ -1,4 +1,4 @@
-"""Linear rows v(θ) + A(θ) δ of observations: what they miss, and their diagonal of N.
+"""Linear rows v(θ) + A(θ) δ of observations: what they miss, diagonal of N, marks for undoing.
 
 Rows of one sort are evaluated at once, whenever they have arrived. An unknown is the movement δ of
 a variable from its point of linearisation θ, with x = θ ⊞ δ. What the linear rows miss is measured

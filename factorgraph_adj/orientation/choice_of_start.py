@@ -1,4 +1,4 @@
-"""The choice of every start: given, moved, or from images; starts after a failed adjustment.
+"""Choice of every start: given, moved, from images, after a failure; refusals, notes on errors.
 
 Batch and robust adjustments, snooping, variance components, parts, plans and new observations all
 begin with `choose_start`. A start that no kind of observation grossly misfits is used as it is.

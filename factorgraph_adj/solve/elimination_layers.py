@@ -1,4 +1,4 @@
-"""Elimination layers: points that only cameras see, and the rest; rule for Cholesky or QR.
+"""Elimination layers: points only cameras (or instruments in frames) see, the rest; Cholesky or QR.
 
 Two layers, in the order of elimination:
 

@@ -1,4 +1,4 @@
-"""Adjusted poses, calibrations, geodetic coordinates, network; tables of unknowns, observations."""
+"""Estimates with σ: poses, cameras, geodetic, other unknowns; observation table; as a network."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Table of scalar readings from stations to targets: values, partials; recorded target heights."""
+"""Readings from stations to targets as rows: values, partials, to other targets; target heights."""
 
 from __future__ import annotations
 
