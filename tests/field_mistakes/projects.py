@@ -6,13 +6,17 @@ so that a mistake is a change of a few cells.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from factorgraph_adj.frames import TopocentricFrame
+from tests.hostile.examples import Example
 
 Row = dict[str, str]
 """One row of a table: cells by column."""
@@ -305,3 +309,14 @@ def hall(seed: int = 9, *, shift: tuple[float, float, float] = (0.0, 0.0, 0.0)) 
     toml = 'name = "hall"\n[sigma.frame_coordinate]\nsigma_mm = 2\n'
     tables = {"points.csv": points, "frames.csv": frames, "observations.csv": rows}
     return Project(toml, tables)
+
+
+def _files(folder: Path, make: Callable[[], Any]) -> dict[str, bytes]:
+    at = make().write(folder / "project")
+    return {f.name: f.read_bytes() for f in sorted(at.iterdir()) if f.is_file()}
+
+
+EXAMPLE_FILES = {
+    name: Example("project", partial(_files, make=make), unread=(r"\|\|",))
+    for name, make in (("project", yard), ("project with photos", facade))
+}

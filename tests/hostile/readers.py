@@ -16,9 +16,9 @@ import numpy as np
 
 import factorgraph_adj as fga
 from tests.hostile.damage import DAMAGES, Damage, Rng, damaged, long_line, nest
+from tests.hostile.examples import Example
 from tests.hostile.places import is_text, misplaced
 from tests.hostile.silence import changes, cuts, skipped
-from tests.hostile.unread import NAMES_ARE_OPEN, is_declared
 
 MOST_PROBLEMS = 102
 """Number of problems of a file that a message may list at most."""
@@ -120,7 +120,7 @@ def hear(
     begin: str,
     folder: Path,
     *,
-    reader: str,
+    example: Example,
     seed: int,
     count: int,
     options: Collection[str] = (),
@@ -132,7 +132,7 @@ def hear(
         files: contents by name.
         begin: the file with which the reader begins; empty: the folder.
         folder: an empty folder.
-        reader: name of the reader, for what it declares as not read.
+        example: the files, for what their format declares as not read.
         seed: seed of the choice of changes.
         count: number of changes of each file at most.
         options: options of the reader, which a problem may be about.
@@ -154,7 +154,7 @@ def hear(
             (folder / name).write_bytes(content)
             continue
         every = list(changes(name, content.decode()))
-        if reader in NAMES_ARE_OPEN:
+        if example.open_names:
             every = [c for c in every if c.way in ("value", "word", "line")]
         chosen = rng.permutation(len(every))[:count].tolist()
         for c in (every[i] for i in chosen):
@@ -168,7 +168,7 @@ def hear(
                 faults = faults_of(error, now, files, folder=whole, options=options)
                 out += [f"{said}: {f}" for f in faults[:1]]
             else:
-                if fault and not is_declared(reader, said, lost="lost" in fault):
+                if fault and not example.declares(said, lost="lost" in fault):
                     out.append(f"{said}: {fault}")
         (folder / name).write_bytes(content)
     return out
@@ -189,7 +189,7 @@ if __name__ == "__main__":
             (at / "changed").mkdir()
             lost = hear(
                 *(form.reads, contents, form.begin, at / "changed"),
-                reader=form.reader,
+                example=form,
                 seed=first,
                 count=3 * n,
                 options=OPTIONS,

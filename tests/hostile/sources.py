@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bz2
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ from pathlib import Path
 import factorgraph_adj as fga
 from factorgraph_adj.io.json_records import observation_fields
 from tests.field_mistakes.projects import facade, yard
+from tests.hostile.examples import Example
 
 GAMA = """<?xml version="1.0" ?>
 <gama-local xmlns="http://www.gnu.org/software/gama/gama-local">
@@ -132,3 +134,10 @@ def sources(folder: Path) -> list[Source]:
         )
     )
     return out
+
+
+EXAMPLE_FILES = {
+    "gama": Example("gama", {"net.gkf": GAMA}, "net.gkf"),
+    "bal": Example("bal", lambda _: {"problem.txt": bal()}, "problem.txt"),
+    "bal packed": Example("bal", lambda _: {"p.txt.bz2": bz2.compress(bal())}, "p.txt.bz2"),
+}

@@ -10,9 +10,14 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+import factorgraph_adj as fga
+from tests.hostile.examples import Example
+from tests.networks.surveyed import surveyed
 
 GON = math.pi / 200.0
 
@@ -523,3 +528,24 @@ TURNED_FRAME = {
     "m": (1.0002045548111367, 9.0160e-6),
 }
 """Rotations and scale of the GNSS vectors, and their σ (with σ̂0)."""
+
+
+def _written(folder: Path) -> dict[str, bytes]:
+    """Return the flat files that the writer makes of a survey."""
+    fga.write_jag3d(surveyed(), folder / "flat")
+    return {f.name: f.read_bytes() for f in sorted((folder / "flat").iterdir())}
+
+
+UNREAD = (
+    r"\|#",
+    r"\|(SET|CREATE|ALTER) ",  # statements without rows; words of columns
+    r"ProjectMetadata|ReductionDefinition",  # what no task reduces
+)
+EXAMPLE_FILES = {
+    "jag3d flat files": Example("jag3d", _written, unread=UNREAD),
+    "jag3d": Example(
+        "jag3d", lambda _: {"site.script": script(site())}, "site.script", unread=UNREAD
+    ),
+    "jag3d database": Example("jag3d", lambda _: files(site()), "site.script", unread=UNREAD),
+    "jag3d flat": Example("jag3d", FLAT, unread=UNREAD),
+}

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 import factorgraph_adj as fga
+from tests.hostile.examples import Example
 from tests.networks.pixel_block import pixel_block
 
 DBAT = """<?xml version="1.0"?>
@@ -436,3 +437,113 @@ def colmap_binary(folder: Path) -> dict[str, bytes]:
     for name, text in COLMAP.items():
         (folder / name).write_text(text, encoding="utf-8")
     return dict(binary_files(read_sparse_model(folder)))
+
+
+COLMAP_UNREAD = (r"\|#", r"\|word\| qz7x\|.*\.jpg$")
+"""Comments; an image name may have blanks."""
+OPENCV_UNREAD = (r"%YAML", r"type_id=")
+EXAMPLE_FILES = {
+    "colmap": Example("colmap", lambda _: colmap(), unread=COLMAP_UNREAD),
+    "colmap binary": Example("colmap", colmap_binary, unread=COLMAP_UNREAD),
+    "metashape": Example("metashape", psz, "project.psz", open_names=True),
+    "metashape-xml": Example(
+        "metashape-xml",
+        metashape,
+        "cameras.xml",
+        unread=(
+            r"<document version=|next_id=|next_group_id=",
+            r"<property name=\"fixed\"",  # a sensor that is fixed has no optimised parameters
+            r"<resolution .*",  # of a calibration: that of the sensor counts
+            r"<scalebar id=|<frame id=|LOCAL_CS",
+        ),
+        open_names=True,
+    ),
+    "opf": Example(
+        "opf",
+        opf,
+        "block.opf",
+        unread=(
+            r"\"(id|description|version)\": \"",  # of items: their type and resources count
+            r"input-cameras\.json\|value\|",  # first calibrations, positions before the projection
+            r"input-control-points\.json\|value\|-?\d",  # coordinates before the projection
+            r"\"generator\"|\"name\": \"factorgraph_adj\"|\"type\": \"\w+\"$",  # sources of an item
+            r"calibrated-cameras\.json\|value\|\d+\|\s*\"sensor_id\"",
+            r"scene-reference-frame\.json\|value",  # of coordinates before the projection
+            r"calibrated-control-points\.json\|value\|",  # approximate coordinates
+        ),
+        open_names=True,
+    ),
+    "opensfm": Example(
+        "opensfm",
+        lambda _: opensfm(),
+        "reconstruction.json",
+        unread=(
+            r"reconstruction\.json\|value\|.*\|\s*(-?[\d.]+,?|\"gps_dop.*)$",  # positions by GPS
+            r"tracks\.csv",  # photos and points without reconstruction, features, colours
+            r"gcp_list\.txt\|(value\|\d\.jpg|word)",  # photos without one; extra columns
+        ),
+        left_out=(r"tracks\.csv\|value", r"gcp_list\.txt\|value\|\d\.jpg"),  # of other photos
+        open_names=True,
+    ),
+    "openmvg": Example(
+        "openmvg",
+        lambda _: openmvg(),
+        "sfm_data.json",
+        {"positions": "observe"},
+        unread=(
+            r"root_path|\"(id_feat|id_view|width|height|polymorphic_id)\"",
+            r"\"(local_path|filename|id_intrinsic)\"",  # of views without a pose
+        ),
+        open_names=True,
+    ),
+    "opencv": Example(
+        "opencv",
+        lambda folder: opencv(".yml", folder),
+        "calibration.yml",
+        unread=OPENCV_UNREAD,
+        open_names=True,
+    ),
+    "opencv xml": Example(
+        "opencv",
+        lambda folder: opencv(".xml", folder),
+        "calibration.xml",
+        unread=OPENCV_UNREAD,
+        open_names=True,
+    ),
+    "micmac": Example(
+        "micmac",
+        lambda _: micmac(),
+        "Orientation-0.tif.xml",
+        beside={"control": "control.xml", "measures": "measures.xml"},
+        open_names=True,
+    ),
+    "micmac of mmvii": Example(
+        "micmac",
+        lambda _: mmvii(),
+        "Ori-PerspCentral-0.tif.xml",
+        beside={"control": "control.xml", "measures": "measures.xml"},
+        open_names=True,
+    ),
+    "bundler": Example("bundler", {"b.out": BUNDLER}, "b.out", unread=(r"\|# Bundle",)),
+    "dbat": Example(
+        "dbat",
+        lambda _: dbat(),
+        "script.xml",
+        unread=(
+            r"\|#",
+            r"<meta>|<document |min_rays=|images\.txt\|",
+            r"\|value\|1\|<cameras><camera><id>",  # the only camera
+        ),
+    ),
+    "aicon": Example(
+        "aicon",
+        lambda _: aicon(),
+        "block.obc",
+        unread=(
+            r"block\.ior\|value\|-999\|",  # number of the set of parameters
+            r"block\.obc\|value\|\d\|",  # points that no photo sees
+            r"block\.phc\|value\|\d\|",  # points that .obc does not have; method
+        ),
+        left_out=(r"block\.(obc|phc)\|value\|\d\|",),  # image points of points that .obc lacks
+    ),
+}

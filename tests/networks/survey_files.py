@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 import factorgraph_adj as fga
+from tests.hostile.examples import Example
 
 SINEX = """%=SNX 2.02 XXX 20:001:00000 XXX 20:001:00000 20:001:00000 C 00006 0 S
 *-------------------------------------------------------------------------------
@@ -244,3 +245,65 @@ MMVII = {
 """,
 }
 """A survey of MMVII: points, observations."""
+
+
+EXAMPLE_FILES = {
+    "star-net": Example(
+        "star-net",
+        {"job.dat": STAR_NET},
+        "job.dat",
+        {"options": STAR_NET_OPTIONS},
+        unread=(r"\|#|#   held|# held", r"'a point"),
+    ),
+    "gsi of levels": Example("gsi", {"levels.gsi": LEVELS}, "levels.gsi", {"fixed": "A"}),
+    "sinex": Example(
+        "sinex",
+        {"small.snx": SINEX},
+        "small.snx",
+        unread=(
+            r"\|%=SNX|\|\*",  # header, comments
+            r"\|value\|2\||TROTOT",  # kind of constraint, parameters that are no coordinates
+            r"\|-SOLUTION/MATRIX|%ENDSNX",
+        ),
+    ),
+    "dynaml": Example(
+        "dynaml",
+        lambda _: dynaml(),
+        "combined.xml",
+        unread=(r"type=\"Combined", r"\|attribute\|", r"<Description"),
+    ),
+    "gvx": Example(
+        "gvx",
+        gvx,
+        "n.gvx",
+        unread=(
+            r"SOURCE_DATA|REFERENCE_SYSTEM|EQUIPMENT|SURVEY_SETUP|EPOCH|GEODETIC|<SESSION ID",
+            r"\|value\|unknown\|",
+        ),
+        open_names=True,
+    ),
+    "comp3d": Example(
+        "comp3d",
+        COMP3D,
+        "net.obs",
+        {"latitude": 48.8},
+        unread=(r"\|\*|\*comment", r"\|-1 OUT"),
+    ),
+    "mmvii": Example(
+        "mmvii",
+        MMVII,
+        "meas.obs",
+        unread=(r"\|\*|\* (given|clockwise)", r" -1$"),  # comments; what is switched off
+    ),
+    "lgc2": Example(
+        "lgc2",
+        {"net.lgc2": LGC2},
+        "net.lgc2",
+        unread=(
+            # Title, printing; a plane is the default.
+            r"\|a small network|\|\*TITR|\|\*PREC|\*OLOC$",
+            r"% a comment",
+            r"\*POLAR|\|P1 |\*SCALE",  # targets that are not used, further numbers of instruments
+        ),
+    ),
+}

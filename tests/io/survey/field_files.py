@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
 
 from factorgraph_adj.units import GON
+from tests.hostile.examples import Example
 
 KNOWN = {"A": (0.0, 0.0, 100.0), "B": (60.0, 10.0, 101.0), "C": (-20.0, 50.0, 103.0)}
 STATION = (15.0, 20.0, 102.0)
@@ -167,6 +167,25 @@ MAPPING = {
     },
 }
 """Mapping of `columns`."""
+MAPPING_FILE = """decimal = ","
+
+[points]
+file = "points.csv"
+name = "Punkt"
+x = "Rechts"
+y = "Hoch"
+z = "H"
+
+[readings]
+station = "=S"
+target = "Ziel"
+direction = "Hz"
+zenith = "V"
+distance = "S"
+instrument_height = "=1.5"
+target_height = "th"
+"""
+"""The same as a file."""
 
 
 def columns() -> dict[str, str]:
@@ -182,20 +201,63 @@ def columns() -> dict[str, str]:
     }
 
 
-FILES = {
-    "book.gsi": gsi,
-    "book.sdr": sdr33,
-    "book.jxl": jobxml,
-    "book.xml": landxml,
-    "book.hexml": lambda: landxml(hexml=True),
+HELD = {"fixed": "A,B,C", "refraction": None}
+"""Options: points that are held, and a flat Earth."""
+LANDXML_UNREAD = (
+    r"ObservationGroup id=|pntRef=|InstrumentSetup id=|\|value\|A\|",
+    r"Hexagon",
+)
+EXAMPLE_FILES = {
+    "gsi": Example("gsi", lambda _: {"book.gsi": gsi()}, "book.gsi", HELD, is_field_book=True),
+    "sdr33": Example(
+        "sdr33",
+        lambda _: {"book.sdr": sdr33()},
+        "book.sdr",
+        HELD,
+        unread=(
+            r"\|00NM|\|10NM|\|01NM",  # header without options, job, instrument
+            r"\|value\|control\||\|word\|",  # descriptions behind the fields
+        ),
+        is_field_book=True,
+    ),
+    "jobxml": Example(
+        "jobxml",
+        lambda _: {"book.jxl": jobxml()},
+        "book.jxl",
+        HELD,
+        unread=(r"<JOBFile version|<PointRecord ID=|\|value\|x\|",),
+        open_names=True,
+        is_field_book=True,
+    ),
+    "landxml": Example(
+        "landxml",
+        lambda _: {"book.xml": landxml()},
+        "book.xml",
+        HELD,
+        unread=LANDXML_UNREAD,
+        open_names=True,
+        is_field_book=True,
+    ),
+    "hexml": Example(
+        "landxml",
+        lambda _: {"book.hexml": landxml(hexml=True)},
+        "book.hexml",
+        HELD,
+        unread=LANDXML_UNREAD,
+        open_names=True,
+        is_field_book=True,
+    ),
+    "columns": Example(
+        "columns",
+        lambda _: {**columns(), "mapping.toml": MAPPING_FILE},
+        "book.csv",
+        HELD,
+        {"mapping": "mapping.toml"},
+        unread=(
+            r"Bemerkung|\|value\|x\|",  # columns that are not mapped
+            r"\|word\|;qz7x\|(Ziel|Punkt)",
+            r"mapping\.toml\|value\|=\|",
+        ),
+        is_field_book=True,
+    ),
 }
-"""The survey by name of file."""
-
-
-def write(folder: Path, name: str) -> Path:
-    """Write the survey; return the file."""
-    folder.mkdir(parents=True, exist_ok=True)
-    files = columns() if name.endswith(".csv") else {name: FILES[name]()}
-    for file, text in files.items():
-        (folder / file).write_text(text, encoding="utf-8")
-    return folder / name

@@ -27,18 +27,11 @@ from tests.io.survey.field_files import (
 )
 
 TENTH_MM = 1e-4
-NAMES = [*FILES, "book.csv"]
-FORMAT = {"book.xml": "landxml"}
-"""Formats that damage may hide."""
+BOOKS = {name: form for name, form in FORMATS.items() if form.is_field_book}
+"""The survey in every format."""
 
 
-def options(name: str) -> dict[str, object]:
-    """Return options of the reader, for points that are held and a flat Earth."""
-    out: dict[str, object] = {"fixed": "A, B,C", "refraction": None}
-    return {**out, "mapping": MAPPING} if name.endswith(".csv") else out
-
-
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("book", BOOKS.values(), ids=BOOKS)
 def test_the_station_comes_out_of_every_field_book(tmp_path, name):
     network = fga.read(write(tmp_path, name), **options(name))
     kinds = [type(o) for o in network.observations.values()]
@@ -52,7 +45,7 @@ def test_the_station_comes_out_of_every_field_book(tmp_path, name):
     assert first.source.startswith(f"{name}:")
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("book", BOOKS.values(), ids=BOOKS)
 def test_both_faces_give_the_errors_of_the_circles(tmp_path, name):
     network = fga.read(write(tmp_path, name), faces="both", **options(name))
     solution = fga.adjust(network)
@@ -68,7 +61,7 @@ def test_gsi_8_and_gsi_16_are_the_same_book(tmp_path):
     assert [o.value for o in a.observations.values()] == [o.value for o in b.observations.values()]
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("book", BOOKS.values(), ids=BOOKS)
 def test_without_held_points_the_network_is_free(tmp_path, name):
     given = options(name) | {"fixed": ()}
     network = fga.read(write(tmp_path, name), **given)
@@ -78,7 +71,7 @@ def test_without_held_points_the_network_is_free(tmp_path, name):
     assert abs(np.linalg.norm(b - a) - np.linalg.norm(np.subtract(KNOWN["B"], KNOWN["A"]))) < 1e-3
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("book", BOOKS.values(), ids=BOOKS)
 def test_a_point_that_is_held_must_be_there(tmp_path, name):
     given = options(name) | {"fixed": "A,X"}
     with pytest.raises(InputError, match="there is no point 'X'"):
@@ -149,7 +142,7 @@ def test_convert_writes_a_field_book_as_a_project_and_for_star_net(tmp_path, cap
 # -- damaged files --------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("book", BOOKS.values(), ids=BOOKS)
 @pytest.mark.parametrize("content", [b"", b"\x00\xff\xfe" * 99, b"\n\n", "Größe".encode("latin-1")])
 def test_binary_empty_and_other_text_is_refused(tmp_path, name, content):
     write(tmp_path, name).write_bytes(content)
