@@ -10,20 +10,20 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.errors import InputError
+from factorgraph_adj.io.format_reader import NetworkReader
+from factorgraph_adj.io.readers import READERS
 from factorgraph_adj.observations import Direction, SlopeDistance, ZenithAngle
 from factorgraph_adj.units import GON
 from tests.hostile.damage import BOMB
+from tests.hostile.formats import FORMATS
 from tests.io.survey.field_files import (
     COLLIMATION,
-    FILES,
     INDEX,
     KNOWN,
-    MAPPING,
     STATION,
     gsi,
     landxml,
     sights,
-    write,
 )
 
 TENTH_MM = 1e-4
@@ -32,8 +32,8 @@ BOOKS = {name: form for name, form in FORMATS.items() if form.is_field_book}
 
 
 @pytest.mark.parametrize("book", BOOKS.values(), ids=BOOKS)
-def test_the_station_comes_out_of_every_field_book(tmp_path, name):
-    network = fga.read(write(tmp_path, name), **options(name))
+def test_the_station_comes_out_of_every_field_book(tmp_path, book):
+    network = book.reads(book.write(tmp_path))
     kinds = [type(o) for o in network.observations.values()]
     assert [kinds.count(k) for k in (Direction, ZenithAngle, SlopeDistance)] == [3, 3, 3]
     solution = fga.adjust(network)
@@ -42,12 +42,12 @@ def test_the_station_comes_out_of_every_field_book(tmp_path, name):
     assert not network.doubts
     first = next(iter(network.observations.values()))
     assert (first.instrument_height, first.target_height) == (1.5, 1.6)
-    assert first.source.startswith(f"{name}:")
+    assert first.source.startswith(f"{book.begin}:")
 
 
 @pytest.mark.parametrize("book", BOOKS.values(), ids=BOOKS)
-def test_both_faces_give_the_errors_of_the_circles(tmp_path, name):
-    network = fga.read(write(tmp_path, name), faces="both", **options(name))
+def test_both_faces_give_the_errors_of_the_circles(tmp_path, book):
+    network = book.reads(book.write(tmp_path), faces="both")
     solution = fga.adjust(network)
     for kind, true in (("index_error", INDEX), ("collimation_error", COLLIMATION)):
         found = solution.unknown(kind, "S/1").values[0]
@@ -62,9 +62,8 @@ def test_gsi_8_and_gsi_16_are_the_same_book(tmp_path):
 
 
 @pytest.mark.parametrize("book", BOOKS.values(), ids=BOOKS)
-def test_without_held_points_the_network_is_free(tmp_path, name):
-    given = options(name) | {"fixed": ()}
-    network = fga.read(write(tmp_path, name), **given)
+def test_without_held_points_the_network_is_free(tmp_path, book):
+    network = book.reads(book.write(tmp_path), fixed=())
     assert network.datum == "free"
     solution = fga.adjust(network)
     a, b = solution.point("A"), solution.point("B")
@@ -72,10 +71,9 @@ def test_without_held_points_the_network_is_free(tmp_path, name):
 
 
 @pytest.mark.parametrize("book", BOOKS.values(), ids=BOOKS)
-def test_a_point_that_is_held_must_be_there(tmp_path, name):
-    given = options(name) | {"fixed": "A,X"}
+def test_a_point_that_is_held_must_be_there(tmp_path, book):
     with pytest.raises(InputError, match="there is no point 'X'"):
-        fga.read(write(tmp_path, name), **given)
+        book.reads(book.write(tmp_path), fixed="A,X")
 
 
 @pytest.mark.parametrize(
@@ -90,7 +88,7 @@ def test_a_point_that_is_held_must_be_there(tmp_path, name):
 )
 def test_options_that_are_no_accuracies_are_refused(tmp_path, wrong, said):
     with pytest.raises(InputError, match=said):
-        fga.read(write(tmp_path, "book.gsi"), **wrong)
+        fga.read(BOOKS["gsi"].write(tmp_path), **wrong)
 
 
 def test_curvature_and_refraction_lower_a_height_by_d_squared_over_2r(tmp_path):
@@ -125,7 +123,7 @@ def test_a_target_that_is_read_again_begins_another_set(tmp_path):
 
 
 def test_convert_writes_a_field_book_as_a_project_and_for_star_net(tmp_path, capsys):
-    path = write(tmp_path, "book.gsi")
+    path = BOOKS["gsi"].write(tmp_path)
     for out in ("project/project.toml", "book.dat"):
         arguments = ["convert", str(path), str(tmp_path / out), "--set", "fixed=A,B,C"]
         assert main(arguments) == 0
@@ -144,31 +142,32 @@ def test_convert_writes_a_field_book_as_a_project_and_for_star_net(tmp_path, cap
 
 @pytest.mark.parametrize("book", BOOKS.values(), ids=BOOKS)
 @pytest.mark.parametrize("content", [b"", b"\x00\xff\xfe" * 99, b"\n\n", "Größe".encode("latin-1")])
-def test_binary_empty_and_other_text_is_refused(tmp_path, name, content):
-    write(tmp_path, name).write_bytes(content)
+def test_binary_empty_and_other_text_is_refused(tmp_path, book, content):
+    path = book.write(tmp_path)
+    path.write_bytes(content)
     with pytest.raises(InputError):
-        fga.read(tmp_path / name, format=FORMAT.get(name), **options(name))
+        book.reads(path)
 
 
-@pytest.mark.parametrize("name", ["book.jxl", "book.hexml"])
+@pytest.mark.parametrize("name", ["jobxml", "hexml"])
 def test_entities_that_grow_and_deep_elements_are_refused(tmp_path, name):
-    path = write(tmp_path, name)
+    path = BOOKS[name].write(tmp_path)
     text = path.read_bytes()
-    tag = b"<FieldBook>" if name == "book.jxl" else b"<Survey>"
+    tag = b"<FieldBook>" if name == "jobxml" else b"<Survey>"
     path.write_bytes(text.replace(tag, tag + b"<a>" * 50_000 + b"</a>" * 50_000))
-    with pytest.raises(InputError, match=rf"{name}:\d+: is nested too deeply"):
+    with pytest.raises(InputError, match=rf"{path.name}:\d+: is nested too deeply"):
         fga.read(path)
     path.write_bytes(BOMB)
     with pytest.raises(InputError):
         fga.read(path)
 
 
-@pytest.mark.parametrize("name", ["book.gsi", "book.sdr", "book.csv"])
+@pytest.mark.parametrize("name", ["gsi", "sdr33", "columns"])
 def test_a_very_long_line_is_refused(tmp_path, name):
-    path = write(tmp_path, name)
+    path = BOOKS[name].write(tmp_path)
     path.write_bytes(path.read_bytes() + b"1," * 1_000_000)
     with pytest.raises(InputError, match="book"):
-        fga.read(path, **options(name))
+        BOOKS[name].reads(path)
 
 
 def test_the_readings_of_the_tests_are_those_of_an_instrument_with_errors():
@@ -180,36 +179,36 @@ def test_the_readings_of_the_tests_are_those_of_an_instrument_with_errors():
 # -- accuracies -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", FILES)
-def test_accuracies_in_one_object_or_each_by_its_name_give_one_network(tmp_path, name):
-    path = write(tmp_path, name)
+@pytest.mark.parametrize("book", BOOKS.values(), ids=BOOKS)
+def test_accuracies_in_one_object_or_each_by_its_name_give_one_network(tmp_path, book):
+    path = book.write(tmp_path)
     stated = {"sigma_direction_mgon": 0.3, "sigma_distance_mm": 1.0, "faces": "both"}
-    together = fga.Accuracies(**stated)
-    reader = {"gsi": fga.read_gsi, "sdr": fga.read_sdr33, "jxl": fga.read_jobxml}
-    read = reader.get(name.rpartition(".")[2], fga.read_landxml)
-    one = read(path, fixed="A", accuracies=together)
-    other = fga.read(path, fixed="A", **stated)
-    mixed = fga.read(path, fixed="A", accuracies=fga.Accuracies(faces="both"), **stated)
+    load = READERS.named(book.reader).load
+    assert isinstance(load, NetworkReader)
+    beside = {option: path.parent / file for option, file in book.beside.items()}
+    one = load.read(path, fixed="A", accuracies=fga.Accuracies(**stated), **beside)
+    other = fga.read(path, format=book.reader, fixed="A", **stated, **beside)
+    mixed = book.reads(path, fixed="A", accuracies=fga.Accuracies(faces="both"), **stated)
     assert one.observations == other.observations == mixed.observations
     sigma = next(o.sigma for o in one.observations.values() if isinstance(o, Direction))
     assert sigma == pytest.approx(0.3e-3 * GON)  # a single face, without centring
 
 
 def test_centring_follows_the_faces_where_a_field_is_stated_alone(tmp_path):
-    path = write(tmp_path, "book.gsi")
+    path = BOOKS["gsi"].write(tmp_path)
     network = fga.read(path, faces="both")
     assert all(o.sigma == pytest.approx(1e-3 * GON) for o in network.observations.values()
                if isinstance(o, Direction))  # fmt: skip
 
 
 def test_an_object_that_is_no_accuracies_is_refused(tmp_path):
-    path = write(tmp_path, "book.gsi")
+    path = BOOKS["gsi"].write(tmp_path)
     with pytest.raises(InputError, match="option accuracies must be Accuracies, not 3"):
         fga.read(path, accuracies=3)
 
 
 def test_a_row_of_readings_without_a_reading_is_refused(tmp_path):
-    path = write(tmp_path, "book.csv")
+    path = BOOKS["columns"].write(tmp_path)
     path.write_text(path.read_text(encoding="utf-8") + "B;;;;1,6;x\n", encoding="utf-8")
     with pytest.raises(InputError, match=r"book\.csv:8: a reading needs one of direction, zenith"):
-        fga.read(path, **options("book.csv"))
+        BOOKS["columns"].reads(path)

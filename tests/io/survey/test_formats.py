@@ -13,7 +13,7 @@ from factorgraph_adj.io.source import TextSource
 from factorgraph_adj.io.survey.gsi import gsi_blocks, read_gsi_length
 from factorgraph_adj.observations import Direction, HeightDifference, SlopeDistance
 from factorgraph_adj.units import GON, LENGTH
-from tests.io.survey.field_files import MAPPING, columns, gsi, jobxml, landxml, sdr33, write
+from tests.io.survey.field_files import EXAMPLE_FILES, MAPPING, columns, gsi, jobxml, landxml, sdr33
 from tests.support.places import data_dir
 
 MM = LENGTH["mm"]
@@ -281,7 +281,7 @@ def test_prism_constant_and_ppm_of_jobxml_are_applied_once(tmp_path):
 
 
 def test_standard_errors_of_jobxml_count_unless_others_are_stated(tmp_path):
-    path = write(tmp_path, "book.jxl")
+    path = EXAMPLE_FILES["jobxml"].write(tmp_path)
 
     def sigma(**options) -> float:
         found = fga.read(path, centring_mm=0, **options).observations.values()
@@ -366,7 +366,7 @@ def test_wrong_landxml_is_refused_with_its_line(tmp_path):
 
 
 def test_points_are_written_as_landxml_and_read_again(tmp_path):
-    network = fga.read(write(tmp_path, "book.gsi"), fixed="A,B,C")
+    network = fga.read(EXAMPLE_FILES["gsi"].write(tmp_path), fixed="A,B,C")
     adjusted = fga.adjust(network).as_network()
     with pytest.raises(InputError, match="9 observations and photos are not written"):
         fga.write_landxml(adjusted, tmp_path / "out.xml")
@@ -382,7 +382,7 @@ def test_points_are_written_as_landxml_and_read_again(tmp_path):
 
 
 def test_a_mapping_may_stand_in_a_toml_file_and_in_the_command(tmp_path):
-    path = write(tmp_path, "book.csv")
+    path = EXAMPLE_FILES["columns"].write(tmp_path)
     lines = ['decimal = ","']
     for section in ("points", "readings"):
         lines += [f"[{section}]", *(f"{k} = '{v}'" for k, v in MAPPING[section].items())]
@@ -422,7 +422,7 @@ def test_points_without_a_header_in_feet_east_second(tmp_path):
 
 
 def test_mistakes_in_mapping_and_table_are_told_with_their_place(tmp_path):
-    path = write(tmp_path, "book.csv")
+    path = EXAMPLE_FILES["columns"].write(tmp_path)
     for change, said in (
         ({"decimals": ","}, "unknown key 'decimals'; valid: .*did you mean 'decimal'"),
         ({"decimal": ";"}, "decimal must be one of"),
