@@ -383,12 +383,16 @@ def test_every_format_has_its_row(title: str, entries: Any) -> None:
     text = PAGES["docs/reference/formats.md"].read_text(encoding="utf-8")
     part = text.partition(f"\n## {title}\n")[2].partition("\n## ")[0].partition("\n### ")[0]
     rows = [r.strip("|").split("|") for r in re.findall(r"^\| `.*$", part, flags=re.M)]
-    assert sorted(r[0].strip(" `") for r in rows) == sorted(e.name for e in entries)
+    words, names = (sorted(r[0].strip(" `") for r in rows), sorted(e.name for e in entries))
+    what = f"the table {title!r} of docs/reference/formats.md needs one row for each, by its name"
+    assert words == names, f"{what}: {sorted(set(words) ^ set(names))}"
     for row in rows:
         (entry,) = (e for e in entries if e.name == row[0].strip(" `"))
         lacking = [s for s in entry.suffixes if not re.search(rf"{re.escape(s)}`", row[2])]
-        assert not lacking or entry.name in NAMED_BY_CONTENT, (entry.name, lacking)
-        assert all(cell.strip() for cell in row), entry.name
+        assert not lacking or entry.name in NAMED_BY_CONTENT, (
+            f"the third column of {entry.name} in formats.md lacks these suffixes: {lacking}"
+        )
+        assert all(cell.strip() for cell in row), f"{entry.name} in formats.md has an empty cell"
 
 
 def test_what_people_come_from_has_a_page() -> None:

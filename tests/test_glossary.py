@@ -109,13 +109,11 @@ MODULES = {
     path.relative_to(PACKAGE).with_suffix("").as_posix().removesuffix("/__init__")
     for path in PACKAGE.rglob("*.py")
 } - {"__init__", "__main__"}
-NAMES = {
-    word
-    for page, header in ((FORMATS, "word"), (GLOSSARY, "word"))
-    for cells in rows(page, header)
-    for name in re.findall(r"`([^`]+)`", cells[0])
-    for word in words(name)
-}
+FORMAT_WORDS, SHORT_FORMS = (
+    {name for cells in rows(page, "word") for name in re.findall(r"`([^`]+)`", cells[0])}
+    for page in (FORMATS, GLOSSARY)
+)
+NAMES = {word for name in FORMAT_WORDS | SHORT_FORMS for word in words(name)}
 """Words of formats, and names and short forms that the glossary lists for modules."""
 WORDS = {s for entry in ENTRIES for word in words(entry.term) for s in singulars(word)}
 NOUNS = {s for entry in ENTRIES for s in singulars(head(entry.term))}
@@ -142,8 +140,15 @@ def test_every_module_of_the_glossary_exists():
 
 
 def test_every_module_stands_in_the_glossary():
-    missing = MODULES - {name for entry in ENTRIES for name in entry.modules}
-    assert not missing, f"modules without a term in {GLOSSARY.name}: {sorted(missing)}"
+    """The one module of a format has its row in formats.md: the word there is its name."""
+    named = {name for entry in ENTRIES for name in entry.modules}
+    formats = {name.replace("-", "_") for name in FORMAT_WORDS}
+    missing = {
+        module
+        for module in MODULES - named
+        if not (module.startswith("io/") and module.rpartition("/")[2] in formats)
+    }
+    assert not missing, f"give these modules a row in {GLOSSARY.name}: {sorted(missing)}"
 
 
 def test_names_of_modules_consist_of_terms():

@@ -228,21 +228,21 @@ class FieldBook:
         self,
         line: int,
         name: str,
-        east: float = math.nan,
-        north: float = math.nan,
-        up: float = math.nan,
+        east: float | None = None,
+        north: float | None = None,
+        up: float | None = None,
         *,
         agree: bool = True,
     ) -> None:
-        """Note a point, with the coordinates that are known.
+        """Note a point, with the coordinates that are known; None or NaN: one is not.
 
         Coordinates that are stated first count. Others are a problem if they ought to ``agree``,
         and ignored if they are results of the instrument, which differ from sight to sight.
         """
         if not name:
             return
-        given = self.points.get(name)
-        new = (east, north, up)
+        e, n, u = (math.nan if v is None else v for v in (east, north, up))
+        given, new = self.points.get(name), (e, n, u)
         if given is None:
             self.points[name], self.said[name] = new, line
             return
@@ -290,7 +290,7 @@ class FieldBook:
         zenith: float | None = None,
         distance: float | None = None,
         horizontal: float | None = None,
-        target_height: float = 0.0,
+        target_height: float | None = None,
         face: int | None = None,
         stated: StatedSigmas = StatedSigmas(),
     ) -> None:
@@ -303,7 +303,7 @@ class FieldBook:
             zenith: zenith reading, in face 2 from π to 2π.
             distance: slope distance.
             horizontal: horizontal distance, which is used where there is no slope distance.
-            target_height: height of the target.
+            target_height: height of the target; None: 0.
             face: face, where the file tells it; otherwise the zenith reading does.
             stated: standard deviations of the file.
         """
@@ -314,6 +314,7 @@ class FieldBook:
             return  # what is no name has been noted
         self.point(line, target)
         self.sighted |= {at.station, target}
+        target_height = target_height or 0.0
         read = (direction, zenith, distance, horizontal, target_height, at.height)
         if self.source.problems.count and any(v is not None and math.isnan(v) for v in read):
             return  # what is no number has been noted

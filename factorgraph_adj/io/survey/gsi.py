@@ -258,23 +258,17 @@ class LevelledLine:
 # -- blocks of total stations ---------------------------------------------------------------------
 
 
-def _lengths(default: float | None = None, **indices: str) -> tuple[RecordField, ...]:
-    return tuple(
-        RecordField(name, f"word {i}", read_gsi_length, i, default) for name, i in indices.items()
-    )
+def _lengths(**indices: str) -> tuple[RecordField, ...]:
+    return tuple(RecordField(name, f"word {i}", read_gsi_length, i) for name, i in indices.items())
 
 
-POINT_FIELDS = _lengths(math.nan, east="81", north="82", up="83")
-STATION_FIELDS = (
-    *_lengths(math.nan, east="84", north="85", up="86"),
-    *_lengths(0.0, height="88"),
-)
+POINT_FIELDS = _lengths(east="81", north="82", up="83")
+STATION_FIELDS = _lengths(east="84", north="85", up="86", height="88")
 SIGHT_FIELDS = (
     RecordField("direction", "word 21", read_gsi_angle, "21"),
     RecordField("zenith", "word 22", read_gsi_angle, "22"),
     *_lengths(distance="31", horizontal="32"),
-    *_lengths(0.0, target_height="87"),
-    *_lengths(height="88", east="81", north="82", up="83"),
+    *_lengths(target_height="87", height="88", east="81", north="82", up="83"),
 )
 CODE_FIELDS = (
     RecordField("station", "word 42, the station,", read_text, "42", NEEDED),

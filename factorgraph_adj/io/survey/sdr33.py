@@ -187,9 +187,7 @@ class _Reader:
             self._observation(line, derivation, values)
         else:
             point = values["station" if code == "02" else "point"]
-            first, second, up = (
-                math.nan if values[t] is None else values[t] for t in ("first", "second", "up")
-            )
+            first, second, up = (values[axis] for axis in ("first", "second", "up"))
             east, north = (first, second) if self.east_first else (second, first)
             self.book.point(line, point, east, north, up, agree=False)
             if code == "02":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -62,6 +63,19 @@ def test_the_difference_of_the_circle_to_its_orientation_is_not_needed(tmp_path)
         o.value for o in whole.observations.values()
     ]
     assert network.points["ST"].held == whole.points["ST"].held
+
+
+def test_a_height_of_the_instrument_may_stand_in_a_sight_alone(tmp_path):
+    """Word 88 of the second sight counts for the set-up, whose station has coordinates alone."""
+    whole = read(tmp_path, "full.gsi", FULL)
+    station = "".join(f" {i}..10+0000000000{v}" for i, v in ((84, 120000), (85, 180000)))
+    text = FULL.replace(" 88..10+0000000000001500", station)
+    last = text.rstrip("\n") + " 88..10+0000000000001500\n"
+    network = read(tmp_path, "book.gsi", last)
+    assert network.observations == {
+        k: replace(o, source=o.source.replace("full", "book"))
+        for k, o in whole.observations.items()
+    }
 
 
 def test_coordinates_do_not_need_what_vertical_readings_begin_at(tmp_path):
