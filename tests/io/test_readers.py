@@ -5,6 +5,7 @@ from __future__ import annotations
 import bz2
 import gzip
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -171,13 +172,14 @@ def read_raw(
     """Read a raw format of this test, a field book in feet and degrees."""
     source = TextSource(path, code_page="cp1252")
     book = FieldBook(source, accuracies, fixed)
+    use: dict[str, Callable[..., None]]
     use = {"PT": book.point, "ST": book.begin, "OB": book.sight}
     for line, text in source.filled():
         code, *words = text.split()
         fields = source.field(line, code, "record").choice(RAW_RECORDS)
         if fields is not None:
             scales = Scales(length=FOOT, angle=ANGLE["deg"])
-            use[code](line, **read_record(fields, words, source, line, scales))  # type: ignore[operator]
+            use[code](line, **read_record(fields, words, source, line, scales))
     return book.network()
 
 
