@@ -1,4 +1,4 @@
-"""Users' factors: made for named unknowns, linearised in columns, and as observations.
+"""Users' GTSAM factors: made for named unknowns, linearised into columns, and as observations.
 
 A key counts the unknowns of one network. Where a network grows, a function that asks for keys by
 names says what its factor depends on.

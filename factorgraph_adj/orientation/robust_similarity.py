@@ -1,4 +1,4 @@
-"""Robust similarities of a part and the frame: from points, components, a rotation, or rays.
+"""Similarities from a part to the frame: robust by points or rays; least squares by components.
 
 They bring a part of a block into the frame of the network. Points have all or some of their
 coordinates known; attitudes of photos give the rotation. One wrong coordinate does not spoil it:

@@ -1,4 +1,4 @@
-"""Motion of a free network onto its inner constraints; covariances relative to datum points.
+"""Free network moved onto inner constraints; covariances on datum points where a datum is given.
 
 The iteration keeps a minimal datum; finite similarity transformations, which no observation
 notices, then move a converged solution onto the inner constraints G_Dᵀ (x − x₀)_D = 0 over any

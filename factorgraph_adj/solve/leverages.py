@@ -1,4 +1,4 @@
-"""Leverages A Q Aᵀ of all observations and clusters, of free networks too; part by object points.
+"""Leverages A Q Aᵀ of all observations and clusters, of free networks too; A₂ N₂₂⁻¹ A₂ᵀ of points.
 
 With whitened rows A of an observation, its hat matrix H = A Q Aᵀ needs only the joint covariance
 of the observation's own variables. The selected inverse of the fronts gives it; the elimination

@@ -1,4 +1,4 @@
-"""Rigid mounts: diagonal of N without their stiffness, and steps with rig members placed again.
+"""Mounts of rigs: diagonal of N with their weight capped; members placed as the linear step says.
 
 A rigid mount is an observation with a standard deviation of 1 µm and 10⁻⁸ rad; nothing else places
 its photo or its carrier better than to centimetres.

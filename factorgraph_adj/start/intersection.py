@@ -1,4 +1,4 @@
-"""Points where lines and circles in plan, or spheres in space, meet; a start from distances.
+"""Points where lines and circles, or spheres, meet; start of a free network of slope distances.
 
 By intersection, plane resection and distances: directions and distances from known points, and
 directions and angles at the point itself, give lines and circles in plan (loci) on which an unknown

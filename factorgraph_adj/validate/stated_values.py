@@ -1,4 +1,4 @@
-"""Stated values that contradict: lengths of levelled lines, heights of set-ups and surfaces.
+"""Doubts about stated values: line lengths by places, set-up heights, surfaces by their points.
 
 Heights of instruments and targets may differ, or be missing, within a set-up.
 

@@ -1,4 +1,4 @@
-"""Cameras of DBAT: lens models by number, and what a script sets and estimates of them.
+"""Cameras of DBAT: the element <camera> with its lens model, and what a script sets or estimates.
 
 Image coordinates are millimetres of a sensor whose pixels are square and as high as its height
 divided by the number of lines, x right and y up from the upper left corner. Lens models by

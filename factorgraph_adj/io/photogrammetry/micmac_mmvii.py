@@ -1,4 +1,4 @@
-"""Photos of MMVII, the second MicMac: orientations, calibrations, ground control, measurements.
+"""Reader of MMVII, the second MicMac: orientations, calibrations, control, MesIm; no tie points.
 
 A folder has ``Ori-PerspCentral-IMAGE.xml`` for each image and the calibrations that they name.
 Older files begin with ``<MMVII_Serialization>``; newer ones have it as ``<Type>`` beside
