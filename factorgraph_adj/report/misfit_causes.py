@@ -2,37 +2,81 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from math import isfinite
+from typing import Any, TypeAlias
+
+import numpy as np
 
 from ..models.unknown_registry import UNKNOWNS
 from ..quality.causes.cause_search import EXCHANGES_NOTE
 from ..quality.causes.evidence import Cause, VarianceFactor
-from ..quality.causes.shared_error_tests import GivenValue
+from ..quality.causes.shared_error_tests import GivenValue, SharedErrorTest
 from ..quality.causes.shared_errors import ErrorQuantity
 from ..quality.variance_components import VarianceComponent, VarianceComponents
-from ..units import decimal
+from ..types import Array
 from .adjustment_report import Report
 from .doubtful_results import doubts_of_provenance
-from .layout import NO_BREAK, listed, paragraph, percent, short, table, title
+from .layout import NO_BREAK, listed, paragraph, percent, short, title
 from .observation_rows import kind_name
-from .tables import NO_FIGURE, READ, Column, Table, as_text
+from .tables import NO_FIGURE, NUMBER, READ, Column, Table, Unit, as_text
 
 MAX_CAUSES_LISTED = 3
 """Largest number of causes that are listed, those that explain as much as these apart."""
 MAX_IDS_OF_CAUSE = 6
 """Largest number of observations of a cause that are named."""
+GivenComponent: TypeAlias = tuple[GivenValue, int]
+"""A given value, and the number of one of its held components: a row of tables."""
 CONFIDENCE_OF_COMPONENTS = 0.95
 """Confidence of the intervals of variance components."""
 
 
-def unit_of_error(report: Report, size: ErrorQuantity) -> tuple[float, str]:
-    """Return the unit of the size of an error, SI, and its name."""
+def unit_of_error(report: Report, size: ErrorQuantity) -> Unit:
+    """Return the unit in which the size of an error is shown."""
     if size == "length":
-        return report.small, report.units.sigma_length
+        return Unit(report.units.sigma_length, report.small)
     if size in ("angle", "turn"):
-        return report.radian, report.units.sigma_angle
-    return {"ppm": (1.0, "ppm"), "ratio": (0.01, "%")}.get(size, (1.0, ""))
+        return Unit(report.units.sigma_angle, report.radian)
+    return {"ppm": Unit("ppm"), "ratio": Unit("%", 0.01)}.get(size, NUMBER)
+
+
+# -- causes ---------------------------------------------------------------------------------------
+
+
+def causes_table(report: Report, causes: Sequence[Cause]) -> Table[Cause]:
+    """Return the table of causes, each of which explains more than any single reading."""
+
+    def sizes(c: Cause) -> str:
+        out = []
+        for name, size, error, sigma, alone in c.estimates:
+            unit = unit_of_error(report, size)
+            shown = f"{name} {short(error / unit.size)} ± {short(sigma / unit.size)} {unit.name}"
+            out.append(shown.strip() + (" if it alone is wrong" * alone))
+        return "; ".join(out)
+
+    def record(key: str, name: str) -> Column[Cause]:
+        return Column(
+            title=key, value=lambda c: np.asarray(getattr(c, name)).tolist(), only=("json",)
+        )
+
+    def named(c: Cause) -> str:
+        return listed(c.ids, MAX_IDS_OF_CAUSE)
+
+    columns: list[Column[Cause]] = [
+        Column(title="cause", value=lambda c: f"{c.cause} {c.where}", english=True, only=READ),
+        Column(title="size", value=sizes, help="cause_size", english=True, only=READ),
+        *(record(name, name) for name in ("cause", "where", "components")),
+        record("quantities", "sizes"),
+        *(record(name, name) for name in ("error", "sigma")),
+        Column(title="T²", key="t2", value="t2", digits=1, help="t2"),
+        Column(title="dof", value="dof"),
+        Column(title="critical", value="critical", digits=1),
+        Column(title="shared", value=lambda c: len(c.ids), only=READ),
+        Column(title="observations", value=named, only=READ),
+        record("ids", "ids"),
+    ]
+    return Table("causes", causes, columns)
 
 
 def causes_section(report: Report) -> list[str]:
@@ -86,7 +130,12 @@ def exchange_hints(report: Report) -> list[str]:
 
 def cause_sentence(report: Report, cause: Cause) -> str:
     """Return a cause with its size and its test."""
-    return cause.said(lambda size: unit_of_error(report, size), short, space=NO_BREAK)
+
+    def unit(size: ErrorQuantity) -> tuple[float, str]:
+        found = unit_of_error(report, size)
+        return found.size, found.name
+
+    return cause.said(unit, short, space=NO_BREAK)
 
 
 def most_probable_cause(report: Report) -> str:
@@ -105,6 +154,49 @@ def most_probable_cause(report: Report) -> str:
 def _members(cause: Cause) -> str:
     n = len(cause.ids)
     return f"{n} observation{'s' * (n != 1)}: {listed(cause.ids, MAX_IDS_OF_CAUSE)}"
+
+
+# -- given values ---------------------------------------------------------------------------------
+
+
+def given_values_table(report: Report, values: Sequence[GivenValue]) -> Table[GivenComponent]:
+    """Return the table of tests of given values that are held, one row for each component."""
+
+    def apart(figures: Callable[[SharedErrorTest], Array]) -> Callable[[GivenComponent], Any]:
+        """Return a function of the test of the component alone; None where there is none."""
+
+        def figure(row: GivenComponent) -> float | None:
+            test = row[0].apart[row[1]]
+            return float(figures(test)[0]) if test.dof else None
+
+        return figure
+
+    def unit(row: GivenComponent) -> Unit:
+        return unit_of_error(report, row[0].sizes[row[1]])
+
+    def w(row: GivenComponent) -> float | None:
+        return float(row[0].w[row[1]]) if row[0].apart[row[1]].dof else None
+
+    def t2(row: GivenComponent) -> float | None:
+        return float(row[0].together.t2) if row[0].together.dof else None
+
+    def title_of(row: GivenComponent) -> str:
+        return UNKNOWNS[row[0].kind].title
+
+    error, sigma = apart(lambda test: test.error), apart(lambda test: test.sigma)
+    columns: list[Column[GivenComponent]] = [
+        Column(title="kind", value=title_of, translated=True, only=READ),
+        Column(title="kind", value=lambda row: row[0].kind, only=("csv",)),
+        Column(title="name", value=lambda row: row[0].name),
+        Column(title="parameter", key="component", value=lambda row: row[0].components[row[1]]),
+        Column(title="error", value=error, unit=unit, with_unit=True, help="given"),
+        Column(title="σ", key="sigma", value=sigma, unit=unit),
+        Column(title="unit", value=lambda row: unit(row).name, only=("html", "csv")),
+        Column(title="w", value=w, digits=2),
+        Column(title="T²", key="t2_together", value=t2, digits=2, help="t2"),
+        Column(title="dof_together", value=lambda row: row[0].together.dof, only=("csv",)),
+    ]
+    return Table("given", [(v, i) for v in values for i in range(len(v.components))], columns)
 
 
 def given_values_section(report: Report) -> list[str]:
@@ -126,19 +218,17 @@ def given_values_section(report: Report) -> list[str]:
         text = f"{n} given value{'s' * (n != 1)} held, tested as if free: {fit}; see {where}"
         return paragraph(text)
     order = sorted(above, key=lambda v: -v.together.t2 / v.together.dof)
-    rows = []
-    for v in order[: report.options.n_suspects]:
-        rows += [_given_value_row(report, v, i) for i in range(len(v.components))]
-    shown, note = report.cut(rows, "held values", "given_values.csv")
-    header = ["given value", "component", "error", "σ", "w", "T² of all"]
+    made = given_values_table(report, order[: report.options.n_suspects])
+    rows, note = report.cut(list(made.rows), "held values", "given_values.csv")
     text = (
         "each tested as if it had been given with σ → ∞; error: given − true, if it alone is "
-        f"wrong; {len(above)} of {len(every)} do not fit, all in {where}"
+        "wrong; T²: of all components together; "
+        f"{len(above)} of {len(every)} do not fit, all in {where}"
     )
     if report.pope:
         text += "; σ0² by F: for each from what vᵀPv would be with it as an unknown"
     heading = title(f"Given values that are held, T² critical (α0 = {percent(rel.alpha)})")
-    return [*heading, *table(header, shown, left=2), *note, *paragraph(text)]
+    return [*heading, *as_text(replace(made, rows=rows)), *note, *paragraph(text)]
 
 
 def _limit(report: Report, v: GivenValue) -> float:
@@ -151,15 +241,7 @@ def _limit(report: Report, v: GivenValue) -> float:
     return weight.limit(error.dof, report.reliability.alpha)
 
 
-def _given_value_row(report: Report, v: GivenValue, i: int) -> list[str]:
-    one = v.apart[i]
-    unit, symbol = unit_of_error(report, v.sizes[i])
-    name = f"{UNKNOWNS[v.kind].title} {v.name}" if i == 0 else ""
-    whole = f"{v.together.t2:.2f}" if i == 0 and v.together.dof else ""
-    if not one.dof:
-        return [name, v.components[i], "–", "–", "–", whole]
-    figures = [f"{short(one.error[0] / unit)} {symbol}".strip(), short(one.sigma[0] / unit)]
-    return [name, v.components[i], *figures, decimal(float(v.w[i]), 2), whole]
+# -- variance components --------------------------------------------------------------------------
 
 
 def variance_components_table(

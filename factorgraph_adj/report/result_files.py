@@ -13,7 +13,7 @@ import numpy as np
 
 from ..control_characters import escaped
 from ..errors import known
-from ..io.csv_tables import write_columns, write_table
+from ..io.csv_tables import write_columns
 from ..io.file_transaction import write_files
 from ..io.numbers import Units
 from ..models.unknown_registry import UNKNOWNS
@@ -32,8 +32,8 @@ from .adjustment_report import Report
 from .data_snooping import snooping_csv
 from .doubtful_results import unknowns_left_out
 from .frames_and_shapes import shapes_table
-from .layout import LINE_WIDTH, figure, figures, paragraph, table, title
-from .misfit_causes import unit_of_error, variance_components_table
+from .layout import LINE_WIDTH, figures, paragraph, table, title
+from .misfit_causes import given_values_table, variance_components_table
 from .observation_rows import ReportRows, all_digits
 from .options import Provenance, ReportOptions, Run
 from .results_json import results_text
@@ -45,10 +45,6 @@ MAX_REPEATED_LISTED = 20
 """Largest number of repeated observations that a protocol lists."""
 MEGABYTE = 1e6
 """Bytes of a megabyte."""
-GIVEN_VALUE_COLUMNS = (
-    *("kind", "name", "component", "error", "sigma", "unit", "w"),
-    *("t2_together", "dof_together"),
-)
 RESULT_FILES = (
     *("protocol.txt", "results.json", "observations.csv", "points.csv", "unknowns.csv"),
     *("photos.csv", "shapes.csv", "relative.csv", "snooping.csv", "unknowns_left_out.csv"),
@@ -303,7 +299,9 @@ def write_tables(report: Report, folder: str | Path) -> None:
         "unknowns_left_out.csv": _left_out_table(report)
         if report.network.unknowns_left_out
         else None,
-        "given_values.csv": _given_table(report) if report.given else None,
+        "given_values.csv": as_csv(given_values_table(report, report.given))
+        if report.given
+        else None,
     }
     if report.components is not None:
         found = variance_components_table(report, report.components)
@@ -323,17 +321,3 @@ def _left_out_table(report: Report) -> str:
     gone = report.network.unknowns_left_out
     columns = {name: [getattr(x, name) for x in gone] for name in ("kind", "name", "why")}
     return write_columns(columns | {"observations": [" ".join(x.ids) for x in gone]})
-
-
-def _given_table(report: Report) -> str:
-    rows = []
-    for v in report.given:
-        t2 = figure(v.together.t2)
-        for i, (component, one) in enumerate(zip(v.components, v.apart, strict=True)):
-            unit, symbol = unit_of_error(report, v.sizes[i])
-            error, sigma = (figure(float(x[0]) / unit) for x in (one.error, one.sigma))
-            w = figure(float(v.w[i]))
-            dof = str(v.together.dof)
-            cells = (v.kind, v.name, component, error, sigma, symbol, w, t2, dof)
-            rows.append(dict(zip(GIVEN_VALUE_COLUMNS, cells, strict=True)))
-    return write_table(GIVEN_VALUE_COLUMNS, rows)

@@ -16,7 +16,6 @@ from ..epochs.block_motion import BlockMotion
 from ..epochs.congruence_tests import HypothesisTest
 from ..frames import Frame, GeocentricFrame, LocalFrame
 from ..graph.variables import camera_of_calibration
-from ..quality.causes.evidence import Cause
 from ..quality.rejections import Rejected, Snooping, Unresolved
 from ..statistical_tests import global_test
 from ..version import __version__
@@ -28,6 +27,7 @@ from .adjustment_report import Report
 from .doubtful_results import notes_of_network, notes_of_solution
 from .epochs_report import EpochsReport
 from .layout import finite_json, json_text
+from .misfit_causes import causes_table
 from .tables import as_json, as_json_by_name, as_json_columns
 from .unknowns import calibration_table, orientations_table, others_table
 
@@ -98,7 +98,9 @@ def results_record(report: Report) -> dict[str, Any]:
             for g in report.rows.groups()
         ],
         "reliability": _reliability(report),
-        "causes": [] if report.causes is None else [_cause(c) for c in report.causes.more_probable],
+        "causes": []
+        if report.causes is None
+        else as_json(causes_table(report, report.causes.more_probable)),
         "undecided": [] if report.causes is None else list(report.causes.undecided),
         **({} if report.snooping is None else {"snooping": _snooping(report, report.snooping)}),
         **({} if report.components is None else {"variance_components": _components(report)}),
@@ -178,21 +180,6 @@ def _reliability(report: Report) -> dict[str, Any]:
             }
             for row in report.rows.at(above.tolist())
         ],
-    }
-
-
-def _cause(c: Cause) -> dict[str, Any]:
-    return {
-        "cause": c.cause,
-        "where": c.where,
-        "components": list(c.components),
-        "quantities": list(c.sizes),
-        "error": c.error.tolist(),
-        "sigma": c.sigma.tolist(),
-        "t2": c.t2,
-        "dof": c.dof,
-        "critical": c.critical,
-        "ids": list(c.ids),
     }
 
 

@@ -8,15 +8,18 @@ from math import isfinite
 
 import numpy as np
 
-from ...models.unknown_registry import UNKNOWNS
 from ...quality.rejections import Rejected
-from ...units import decimal
 from ..adjusted_observations import observation_table, test_symbol
 from ..adjustment_report import Report
 from ..catalogue import Texts
 from ..data_snooping import findings, rejected_points_table, rejected_table, unresolved_table
 from ..layout import listed, short
-from ..misfit_causes import MAX_IDS_OF_CAUSE, unit_of_error, variance_components_table
+from ..misfit_causes import (
+    MAX_IDS_OF_CAUSE,
+    causes_table,
+    given_values_table,
+    variance_components_table,
+)
 from ..observation_rows import Row
 from ..reliability import MAX_INSEPARABLE_LISTED
 from ..tables import NO_FIGURE, Column, Sheet, Table, as_html
@@ -184,28 +187,7 @@ def unresolved_observations_sheet(report: Report, t: Texts) -> Sheet | None:
 
 def given_values_sheet(report: Report, t: Texts) -> Sheet | None:
     """Return the tests of given values that are held."""
-    rows = []
-    for v in report.given:
-        whole = f"{v.together.t2:.2f}" if v.together.dof else NO_FIGURE
-        for i, (component, one) in enumerate(zip(v.components, v.apart, strict=True)):
-            unit, symbol = unit_of_error(report, v.sizes[i])
-            figures = [NO_FIGURE, NO_FIGURE, NO_FIGURE]
-            if one.dof:
-                error, sigma = float(one.error[0]) / unit, float(one.sigma[0]) / unit
-                figures = [short(error), short(sigma), decimal(float(v.w[i]), 2)]
-            rows.append([t.kind(UNKNOWNS[v.kind].title), v.name, component, *figures[:2], symbol])
-            rows[-1] += [figures[2], whole]
-    heads: list[ColumnHead] = [
-        (t("col_kind"), False),
-        (t("col_name"), False),
-        (t("col_parameter"), False),
-        (t("col_error"), True, t("help_given")),
-        ("σ", True),
-        (t("col_unit"), False),
-        ("w", True),
-        ("T²", True, t("help_t2")),
-    ]
-    return filled_sheet("given", t("given_caption"), columns_from_rows(heads, rows))
+    return as_html(given_values_table(report, report.given), t)
 
 
 def causes_sheet(report: Report, t: Texts) -> Sheet | None:
@@ -213,25 +195,6 @@ def causes_sheet(report: Report, t: Texts) -> Sheet | None:
     found = report.causes
     if found is None:
         return None
-    rows = []
-    for c in found.more_probable:
-        sizes = []
-        for name, size, error, sigma, alone in c.estimates:
-            unit, symbol = unit_of_error(report, size)
-            shown = f"{name} {short(error / unit)} ± {short(sigma / unit)} {symbol}"
-            sizes.append(shown.strip() + (" if it alone is wrong" * alone))
-        cells = [f"{c.cause} {c.where}", "; ".join(sizes), f"{c.t2:.1f}", str(c.dof)]
-        rows.append([*cells, f"{c.critical:.1f}", str(len(c.ids)), listed(c.ids, MAX_IDS_OF_CAUSE)])
-    heads: list[ColumnHead] = [
-        (t("col_cause"), False),
-        (t("col_size"), False, t("help_cause_size")),
-        ("T²", True, t("help_t2")),
-        (t("col_dof"), True),
-        (t("col_critical"), True),
-        (t("col_shared"), True),
-        (t("col_observations"), False),
-    ]
     note = t("causes_note", n=found.tested)
-    caption = t("causes_caption")
-    said = columns_from_rows(heads, rows, english=[t("col_cause"), t("col_size")])
-    return filled_sheet("causes", caption, said, notes=[note], order=t("order_cause"))
+    made = causes_table(report, found.more_probable)
+    return as_html(made, t, notes=[note], order=t("order_cause"))
