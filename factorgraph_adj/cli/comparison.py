@@ -19,9 +19,10 @@ from ..errors import InputError, Problem, known
 from ..io.file_transaction import one_transaction, write_files
 from ..io.numbers import Units
 from ..report.catalogue import Language
-from ..report.epochs_report import EpochsReport, displacement_table, render_congruence
+from ..report.epochs_report import EpochsReport, displacements_table, render_congruence
 from ..report.options import Provenance
 from ..report.results_json import epochs_results_text
+from ..report.tables import as_csv
 from ..solve.solution import Solution
 from ..statistical_tests import ALPHA_OF_MODEL, CONFIDENCE_OF_REGION, POWER_OF_TEST
 from .input import PROJECT_HELP, add_reading, read_input
@@ -146,7 +147,7 @@ def _write(options: argparse.Namespace, report: EpochsReport) -> None:
             Path(options.out),
             {
                 "epochs.txt": render_congruence(report.found, blocks=report.blocks),
-                "displacements.csv": displacement_table(report),
+                "displacements.csv": as_csv(displacements_table(report)),
                 "results.json": epochs_results_text(report),
             },
         )

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Literal
 
 import numpy as np
@@ -294,20 +295,10 @@ class Congruence(Shown):
 
     def table(self) -> Columns:
         """Return the displacements as columns; metres."""
-        every = list(self.displacements.values())
-        vectors = np.array([x.vector for x in every]).reshape(-1, 3)
-        sigmas = np.array([x.sigmas for x in every]).reshape(-1, 3)
-        columns = {"name": np.array([x.name for x in every], dtype=object)}
-        columns["stable"] = np.array([x.stable for x in every])
-        for i, axis in enumerate("xyz"):
-            columns[f"d{axis}"] = vectors[:, i]
-            columns[f"sigma_d{axis}"] = sigmas[:, i]
-        columns["length"] = np.array([x.length for x in every])
-        columns["test_value"] = np.array([x.test.value for x in every])
-        columns["critical"] = np.array([x.test.critical for x in every])
-        columns["moved"] = np.array([x.moved for x in every])
-        columns["detectable"] = np.array([x.detectable for x in every])
-        return Columns("displacements", columns)
+        # Reports are above this module.
+        reports = import_module("factorgraph_adj.report.epochs_report")
+        found: Columns = reports.displacement_frame(self)
+        return found
 
     def headline(self) -> str:
         """Return what moved."""

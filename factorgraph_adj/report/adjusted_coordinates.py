@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from ..io.numbers import Units
 from ..quality.derived_quantities import AdjustedLine
 from ..quality.error_ellipses import ErrorEllipse, confidence_factor
 from ..quality.point_precision import Place, place_variable
-from ..units import ANGLE, decimal, format_angle
+from ..units import ANGLE, decimal, decimal_angle, format_angle
 from .adjustment_report import Report
 from .layout import decimals, exponent, paragraph, percent, title
 from .observation_rows import observation_scale
@@ -57,44 +58,39 @@ def height_half_widths(report: Report) -> dict[str, float]:
     return dict(zip(names, found.tolist(), strict=True))
 
 
-def angle_unit(report: Report) -> str:
-    """Return the unit of azimuths in tables; it is decimal degrees for degrees-minutes-seconds."""
-    return report.units.angle if report.units.angle in ANGLE else "deg"
-
-
-def rounded_azimuth(report: Report, angle: float) -> str:
+def rounded_azimuth(units: Units, angle: float) -> str:
     """Write an azimuth or dip with the decimals of `DECIMALS_OF_AZIMUTH`."""
-    if report.units.angle == "dms":
+    if units.angle == "dms":
         return format_angle(angle, "dms", 0)
-    digits = DECIMALS_OF_AZIMUTH[report.units.angle]
-    value = round(angle / ANGLE[report.units.angle], digits)
+    digits = DECIMALS_OF_AZIMUTH[units.angle]
+    value = round(angle / ANGLE[units.angle], digits)
     return decimal(value, max(digits, 0))
 
 
 def ellipse_columns(
-    report: Report,
+    units: Units,
     ellipse: Callable[[Any], ErrorEllipse],
-    digits: int,
+    digits: int | None,
     readable: tuple[Rendering, ...],
 ) -> list[Column[Any]]:
     """Return the columns of error ellipses: semi-axes, and the azimuth of the larger one.
 
     Args:
-        report: the report.
+        units: units of the report.
         ellipse: the ellipse of a row.
-        digits: decimals of the semi-axes.
+        digits: decimals of the semi-axes; None: three significant digits.
         readable: renderings for people that have them.
     """
 
     def turn(row: Any) -> str:
         e = ellipse(row)
-        return rounded_azimuth(report, e.azimuth) if e.semi_axes[0] > 0 else ""
+        return rounded_azimuth(units, e.azimuth) if e.semi_axes[0] > 0 else ""
 
     azimuth = Column[Any](
         title="azimuth_a",
         key="ellipse_azimuth",
         value=lambda row: ellipse(row).azimuth,
-        unit=unit_of(angle_unit(report)),
+        unit=unit_of(decimal_angle(units.angle)),
         suffix=True,
         only=("csv",),
     )
@@ -103,14 +99,14 @@ def ellipse_columns(
             title=name,
             key=key,
             value=lambda row, i=i: ellipse(row).semi_axes[i],  # type: ignore[misc]
-            unit=Unit(report.units.sigma_length, report.small),
+            unit=unit_of(units.sigma_length),
             digits=digits,
             suffix=True,
             only=(*readable, "csv"),
         )
         for i, (name, key) in enumerate((("a", "ellipse_major"), ("b", "ellipse_minor")))
     ]
-    shown = replace(azimuth, unit=unit_of(report.units.angle), shown=turn, only=readable)
+    shown = replace(azimuth, unit=unit_of(units.angle), shown=turn, only=readable)
     return [*semi_axes, shown, azimuth]
 
 
@@ -144,7 +140,7 @@ def lines_table(report: Report, lines: Sequence[AdjustedLine] | None = None) -> 
     plan, heights = _dimensions(report)
     units, confidence = report.units, report.options.confidence
     metre, small = Unit(units.length, report.metre), Unit(units.sigma_length, report.small)
-    fine_angle, decimal_unit = Unit(units.sigma_angle, report.radian), unit_of(angle_unit(report))
+    fine_angle, decimal_unit = unit_of(units.sigma_angle), unit_of(decimal_angle(units.angle))
     length, angle = observation_scale("m", units), observation_scale("rad", units)
     fine = decimals((x.sigma_distance / report.small for x in rows), default=2, most=5)
     digits = max(fine + length.further_decimals, 0)
@@ -189,7 +185,7 @@ def lines_table(report: Report, lines: Sequence[AdjustedLine] | None = None) -> 
         replace(rise, only=in_height),
         replace(sigma_rise, only=in_height),
         Column(title="confidence", value=lambda x: confidence, only=("csv",)),
-        *ellipse_columns(report, lambda x: x.ellipse, fine, READ if plan else ("html",)),
+        *ellipse_columns(units, lambda x: x.ellipse, fine, READ if plan else ("html",)),
         Column(title="ellipse", value=_ellipse_record, only=("json",)),
     ]
     return Table("lines", rows, columns)

@@ -12,7 +12,8 @@ import numpy as np
 from ..columns import Columns
 from ..quality.error_ellipses import ErrorEllipsoid
 from ..solve.solution import Solution
-from .adjusted_coordinates import NOT_AT_A_MINIMUM, angle_unit, region_factor, rounded_azimuth
+from ..units import decimal_angle
+from .adjusted_coordinates import NOT_AT_A_MINIMUM, region_factor, rounded_azimuth
 from .adjustment_report import PoseFigures, Report
 from .geodetic_coordinates import grid_photo_columns
 from .layout import decimals, percent, table, title
@@ -184,7 +185,7 @@ def _ellipsoid(report: Report) -> Iterator[Column[AdjustedPhoto]]:
     def of(part: Callable[[ErrorEllipsoid], float]) -> Callable[[AdjustedPhoto], float | None]:
         return lambda row: part(found[row.name]) if row.name in found else None
 
-    small, angle = Unit(report.units.sigma_length, report.small), unit_of(angle_unit(report))
+    small, angle = unit_of(report.units.sigma_length), unit_of(decimal_angle(report.units.angle))
     yield Column(title="confidence", value=of(lambda e: confidence), only=("csv",))
     for i in range(3):
         for noun, members, unit in (
@@ -248,7 +249,7 @@ def centre_ellipsoids_section(report: Report) -> list[str]:
         cells = [name]
         for size, azimuth, dip in zip(e.semi_axes, e.azimuths, e.dips, strict=True):
             angles = (
-                [rounded_azimuth(report, azimuth), rounded_azimuth(report, dip)]
+                [rounded_azimuth(report.units, azimuth), rounded_azimuth(report.units, dip)]
                 if size > 0
                 else ["", ""]
             )

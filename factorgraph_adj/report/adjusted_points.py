@@ -182,7 +182,7 @@ def _regions(report: Report, places: int) -> Iterator[Column[AdjustedPoint]]:
 
     yield Column(title="confidence", value=lambda row: confidence, only=("csv",))
     for column in ellipse_columns(
-        report, lambda row: ellipses[row.name], places, () if flat else READ
+        report.units, lambda row: ellipses[row.name], places, () if flat else READ
     ):
         words = column.shown
         yield replace(

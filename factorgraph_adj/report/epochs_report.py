@@ -2,27 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from math import isinf
+from typing import Any
 
 import numpy as np
 
+from ..columns import Columns
 from ..epochs.alternative_explanations import identical_readings_note as identical
 from ..epochs.block_motion import BlockMotion
 from ..epochs.comparison_result import Congruence, Displacement
 from ..epochs.congruence_tests import HypothesisTest
-from ..io.csv_tables import write_all_columns
 from ..io.numbers import Units
 from ..network.network import Network
 from ..quality.error_ellipses import ErrorEllipse
 from ..solve.solution import Solution
 from ..statistical_tests import CONFIDENCE_OF_REGION
 from ..types import Array
-from ..units import ANGLE, LENGTH, decimal_angle
+from .adjusted_coordinates import ellipse_columns
+from .adjusted_points import COVARIANCE_PAIRS
 from .doubtful_results import unknowns_left_out
 from .layout import listed, paragraph, short, table, title
 from .options import Provenance
+from .tables import DATA, READ, Column, Table, Unit, as_frame, as_text, unit_of
 
 EPOCH_WORDS = {1: ("common",), 2: ("first", "second")}
 """Words for the adjustments, by their number."""
@@ -31,8 +35,6 @@ MAX_NAMES_IN_EPOCHS_TEXT = 12
 EPOCH_POINT_STATES = ("stable", "left", "moved", "kept")
 """A point of a comparison is a stable reference point, a reference point that left the reference,
 an object point that moved, or one that did not move significantly."""
-COLUMNS_WITHOUT_UNIT = ("name", "stable", "test_value", "critical", "moved")
-"""Columns that are no lengths."""
 FIT_WORDS = {True: "yes", False: "no"}
 """Words for the test of the points that are left; a test of no points says nothing."""
 DISPLACEMENT_VERDICT_WORDS = {
@@ -142,32 +144,115 @@ def _doubts(found: Congruence) -> Iterator[str]:
         yield "no set of reference points kept its shape"
 
 
-def displacement_table(report: EpochsReport) -> str:
-    """Return the displacements as CSV, with the ellipse of each displacement in plan.
+def displacement_columns(report: EpochsReport) -> list[Column[Displacement]]:
+    """Return the columns of displacements, with the ellipse of each in the horizon of its point."""
+    found, small = report.found, unit_of(report.units.sigma_length)
+    axes = ["xyz".index(a) for a in found.differences.axes]
+    state, ellipses, later = (
+        dict(zip(report.names, values, strict=True))
+        for values in (report.states, report.ellipses, found.differences.later)
+    )
 
-    Lengths and angles are in the units of the report, which stand in the names of the columns. The
-    ellipse lies in the horizon of the point; its azimuth is clockwise from north.
-    """
-    columns = report.found.table()
-    length, angle = report.units.sigma_length, decimal_angle(report.units.angle)
-    metres, radians = LENGTH[length], ANGLE[angle]
-    table: dict[str, list[object]] = {}
-    for c in columns:
-        if c in COLUMNS_WITHOUT_UNIT:
-            table[c] = list(columns[c])
-        else:
-            table[f"{c}_{length}"] = [x / metres for x in columns[c]]
-    for i, axis in enumerate(("major", "minor")):
-        table[f"ellipse_{axis}_{length}"] = [e.semi_axes[i] / metres for e in report.ellipses]
-    table[f"ellipse_azimuth_{angle}"] = [e.azimuth / radians for e in report.ellipses]
-    table["confidence"] = [report.confidence] * len(report.ellipses)
-    return write_all_columns({c: [_cell(v) for v in values] for c, values in table.items()})
+    def size(title: str, value: Callable[[Displacement], Any], **options: Any) -> Iterator[Any]:
+        """Return columns of a length, whose heading in text is short."""
+
+        def shown(x: Displacement) -> str | None:
+            return "∞" if isinf(value(x)) else None
+
+        options = {"title": title, "value": value, "digits": 2, "shown": shown} | options
+        if "text" in options["only"]:
+            yield Column(**options | {"unit": Unit("", small.size), "only": ("text",)})
+        some = [r for r in options["only"] if r != "text"]
+        yield Column(**options | {"unit": small, "only": some, "suffix": True, "exact": True})
+
+    def record(name: str, value: Callable[[Displacement], Any]) -> Column[Displacement]:
+        return Column(title=name, value=value, only=("json",))
+
+    def ellipse(x: Displacement) -> dict[str, Any]:
+        e = ellipses[x.name]
+        semi_axes = {"semi_axes": list(e.semi_axes), "azimuth": e.azimuth}
+        return {**semi_axes, "confidence": report.confidence}
+
+    table, both = ("csv", "frame"), (*READ, "csv", "frame")
+    test: dict[str, Any] = {"digits": 2, "exact": True, "only": both}
+    flat = any(e.semi_axes[0] > 0 for e in report.ellipses)
+    return [
+        Column(title="point", key="name", value="name"),
+        record("name_later", lambda x: later[x.name]),
+        record("state", lambda x: state[x.name]),
+        Column(title="stable", value="stable", only=table),
+        *(
+            record(n, lambda x, n=n: getattr(x, n).tolist())  # type: ignore[misc]
+            for n in ("place", "vector")
+        ),
+        record("covariance", lambda x: [float(x.covariance[p]) for p in COVARIANCE_PAIRS.values()]),
+        *(
+            column
+            for name, key, of, explained in (
+                ("d", "d", "vector", "displacement"),
+                ("σ d", "sigma_d", "sigmas", "sigma_d"),
+            )
+            for i, a in enumerate("xyz")
+            for column in size(
+                f"{name}{a}",
+                lambda x, of=of, i=i: float(getattr(x, of)[i]),  # type: ignore[misc]
+                key=f"{key}{a}",
+                help=explained,
+                only=both if i in axes else table,
+            )
+        ),
+        *size("length", lambda x: x.length, only=(*both, "json")),
+        Column(title="T", key="test_value", value=lambda x: x.test.value, help="t_epochs", **test),
+        Column(title="critical", value=lambda x: x.test.critical, **test),
+        Column(title="dof", value=lambda x: x.test.freedom[0], only=("html",)),
+        Column(
+            title="p",
+            value=lambda x: x.test.p_value,
+            shown=lambda x: _p(x.test.p_value),
+            help="p",
+            only=("html",),
+        ),
+        record("test", lambda x: record_of_test(x.test)),
+        Column(
+            title="moved",
+            value=lambda x: DISPLACEMENT_VERDICT_WORDS[x.verdict],
+            translated=True,
+            only=READ,
+        ),
+        Column(title="moved", value="moved", only=DATA),
+        *size("detectable", lambda x: x.detectable, help="detectable", only=(*both, "json")),
+        record("hardest", lambda x: x.hardest.tolist()),
+        *(
+            replace(c, help="ellipse_d", exact=True)
+            for c in ellipse_columns(
+                report.units, lambda x: ellipses[x.name], None, ("html",) if flat else ()
+            )
+        ),
+        Column(title="confidence", value=lambda x: report.confidence, only=("csv",)),
+        record("ellipse", ellipse),
+    ]
 
 
-def _cell(value: object) -> str:
-    if isinstance(value, bool | np.bool_):
-        return str(value).lower()
-    return value if isinstance(value, str) else repr(float(value))  # type: ignore[arg-type]
+def displacements_table(report: EpochsReport) -> Table[Displacement]:
+    """Return the table of displacements; lengths and angles are in the units of the report."""
+    rows = list(report.found.displacements.values())
+    return Table("displacements", rows, displacement_columns(report))
+
+
+def displacement_frame(found: Congruence) -> Columns:
+    """Return the displacements as arrays, metres."""
+    return as_frame(displacements_table(EpochsReport(found)))
+
+
+def record_of_test(test: HypothesisTest) -> dict[str, Any]:
+    """Return a test by its members."""
+    return {
+        "value": test.value,
+        "critical": test.critical,
+        "freedom": list(test.freedom),
+        "p_value": test.p_value,
+        "accepted": test.accepted,
+    }
 
 
 def render_congruence(found: Congruence, *, blocks: Sequence[BlockMotion] = ()) -> str:
@@ -307,23 +392,19 @@ def _p(value: float) -> str:
 
 
 def _displacements(found: Congruence) -> list[str]:
-    every = list(found.displacements.values())
-    axes = found.differences.axes
     out = paragraph(_moved(found))
-    header = ["point", *(f"d{a} [mm]" for a in axes), *(f"σ d{a}" for a in axes), "length"]
-    header += ["T", "critical", "moved", "detectable [mm]"]
-    rows = [_row(x, axes) for x in every]
     note = (
-        f"detectable: the displacement that is found with a probability of {found.power:.0%} in "
-        "the direction in which it is hardest to find. Stable points are compared with the other "
-        "stable ones."
+        f"lengths in mm; detectable: the displacement that is found with a probability of "
+        f"{found.power:.0%} in the direction in which it is hardest to find. Stable points are "
+        "compared with the other stable ones."
     )
-    if any(x.verdict == "doubtful" for x in every):
+    if any(x.verdict == "doubtful" for x in found.displacements.values()):
         note += (
             " doubtful: a point of the reference whose own test rejects; where the reference kept "
             f"its shape, one in {1 / found.alpha:.0f} of those that kept their places is."
         )
-    return [*out, "", *table(header, rows), "", *paragraph(note)]
+    shown = as_text(displacements_table(EpochsReport(found)))
+    return [*out, "", *shown, "", *paragraph(note)]
 
 
 def _moved(found: Congruence) -> str:
@@ -340,20 +421,6 @@ def _moved(found: Congruence) -> str:
     kept = found.steps[-1].test.accepted
     shape = "kept their shape" if kept else "did not keep their shape"
     return f"No point was tested against the reference. The reference points {shape}, see above."
-
-
-def _row(x: Displacement, axes: str) -> list[str]:
-    at = ["xyz".index(a) for a in axes]
-    return [
-        x.name,
-        *(f"{1000 * x.vector[i]:.2f}" for i in at),
-        *(f"{1000 * x.sigmas[i]:.2f}" for i in at),
-        f"{1000 * x.length:.2f}",
-        f"{x.test.value:.2f}",
-        f"{x.test.critical:.2f}",
-        DISPLACEMENT_VERDICT_WORDS[x.verdict],
-        f"{1000 * x.detectable:.2f}",
-    ]
 
 
 def _block(b: BlockMotion) -> list[str]:

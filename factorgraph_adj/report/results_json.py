@@ -13,7 +13,6 @@ import numpy as np
 
 from ..crs.reference_system import ReferenceSystem
 from ..epochs.block_motion import BlockMotion
-from ..epochs.congruence_tests import HypothesisTest
 from ..frames import Frame, GeocentricFrame, LocalFrame
 from ..graph.variables import camera_of_calibration
 from ..quality.rejections import Rejected, Snooping, Unresolved
@@ -22,10 +21,10 @@ from ..version import __version__
 from .adjusted_coordinates import lines_table
 from .adjusted_observations import observation_table
 from .adjusted_photos import photos_table
-from .adjusted_points import COVARIANCE_PAIRS, points_table
+from .adjusted_points import points_table
 from .adjustment_report import Report
 from .doubtful_results import notes_of_network, notes_of_solution
-from .epochs_report import EpochsReport
+from .epochs_report import EpochsReport, displacements_table, record_of_test
 from .layout import finite_json, json_text
 from .misfit_causes import causes_table
 from .tables import as_json, as_json_by_name, as_json_columns
@@ -321,47 +320,9 @@ def epochs_results_record(report: EpochsReport) -> dict[str, Any]:
             {"left": list(s.left), "back": list(s.back), "test": record_of_test(s.test)}
             for s in found.steps
         ],
-        "displacements": _displacements(report),
+        "displacements": as_json(displacements_table(report)),
         "blocks": [_block(b) for b in report.blocks],
     }
-
-
-def record_of_test(test: HypothesisTest) -> dict[str, Any]:
-    """Return a test by its members."""
-    return {
-        "value": test.value,
-        "critical": test.critical,
-        "freedom": list(test.freedom),
-        "p_value": test.p_value,
-        "accepted": test.accepted,
-    }
-
-
-def _displacements(report: EpochsReport) -> list[dict[str, Any]]:
-    found = report.found
-    later = dict(zip(found.differences.names, found.differences.later, strict=True))
-    every = zip(found.displacements.values(), report.states, report.ellipses, strict=True)
-    return [
-        {
-            "name": x.name,
-            "name_later": later[x.name],
-            "state": state,
-            "place": x.place.tolist(),
-            "vector": x.vector.tolist(),
-            "covariance": [float(x.covariance[i, j]) for i, j in COVARIANCE_PAIRS.values()],
-            "length": x.length,
-            "test": record_of_test(x.test),
-            "moved": x.moved,
-            "detectable": x.detectable,
-            "hardest": x.hardest.tolist(),
-            "ellipse": {
-                "semi_axes": list(e.semi_axes),
-                "azimuth": e.azimuth,
-                "confidence": report.confidence,
-            },
-        }
-        for x, state, e in every
-    ]
 
 
 def _block(b: BlockMotion) -> dict[str, Any]:

@@ -3,24 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import isfinite
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ...epochs.block_motion import BlockMotion
+from ...epochs.comparison_result import Displacement
 from ...epochs.congruence_tests import HypothesisTest
 from ...statistical_tests import global_test
 from ...types import Array
-from ...units import ANGLE, LENGTH, decimal, decimal_angle
 from ..catalogue import Language, Texts
-from ..epochs_report import EPOCH_POINT_STATES, PARAMETER_UNITS, EpochsReport, render_congruence
+from ..epochs_report import (
+    EPOCH_POINT_STATES,
+    PARAMETER_UNITS,
+    EpochsReport,
+    displacements_table,
+    render_congruence,
+)
 from ..layout import listed, percent, short
 from ..plots.displacements import EpochsDrawing
 from ..plots.observation_lines import lines_by_kinds
 from ..plots.style import factor_text
-from ..tables import NO_FIGURE, Sheet
+from ..tables import NO_FIGURE, Column, Sheet, as_html
 from . import rendering
 from .plan import axis_words, rounded_or_none, rounded_xy
 from .rendering import (
@@ -123,55 +129,19 @@ def congruence_tests_sheet(report: EpochsReport, t: Texts) -> Sheet | None:
     return filled_sheet("steps", t("steps_caption"), columns_from_rows(heads, rows), notes=notes)
 
 
-def _or_infinite(value: float) -> str:
-    return decimal(value, 2) if isfinite(value) else "∞"
-
-
 def displacements_sheet(report: EpochsReport, t: Texts) -> Sheet | None:
     """Return the displacements with their tests and ellipses."""
-    found, unit = report.found, report.units.sigma_length
-    size, angle = LENGTH[unit], decimal_angle(report.units.angle)
-    at = ["xyz".index(a) for a in found.differences.axes]
-    rows = []
-    every = zip(found.displacements.values(), report.states, report.ellipses, strict=True)
-    for x, state, e in every:
-        flat = e.semi_axes[0] > 0
-        axes = (short(v / size) for v in e.semi_axes)
-        rows.append(
-            [
-                x.name,
-                t(f"state_{state}"),
-                *(decimal(float(x.vector[i]) / size, 2) for i in at),
-                *(_or_infinite(float(x.sigmas[i]) / size) for i in at),
-                decimal(x.length / size, 2),
-                *_test(x.test),
-                NO_FIGURE if x.stable else t("yes" if x.moved else "no"),
-                _or_infinite(x.detectable / size),
-                *(axes if flat else (NO_FIGURE, NO_FIGURE)),
-                decimal(e.azimuth / ANGLE[angle], 1) if flat else NO_FIGURE,
-            ]
-        )
-    heads: list[ColumnHead] = [
-        (t("col_point"), False),
-        (t("col_state"), False),
-        *((f"d{'xyz'[i]} [{unit}]", True, t("help_displacement")) for i in at),
-        *((f"σ d{'xyz'[i]} [{unit}]", True, t("help_sigma_d")) for i in at),
-        (f"{t('col_length')} [{unit}]", True),
-        *_test_heads("T", t),
-        (t("col_moved"), False),
-        (f"{t('col_detectable')} [{unit}]", True, t("help_detectable")),
-        (f"a [{unit}]", True, t("help_ellipse_d")),
-        (f"b [{unit}]", True, t("help_ellipse_d")),
-        (f"{t('col_azimuth')} [{angle}]", True, t("help_ellipse_d")),
-    ]
+    made = displacements_table(report)
+    words = {n: t(f"state_{s}") for n, s in zip(report.names, report.states, strict=True)}
+    state = Column[Displacement](title="state", value=lambda x: words[x.name])
     level = report.confidence
     note = (
         t("displacements_note_standard")
         if level is None
         else t("displacements_note", level=percent(level))
     )
-    caption = t("displacements_caption")
-    return filled_sheet("displacements", caption, columns_from_rows(heads, rows), notes=[note])
+    columns = [made.columns[0], state, *made.columns[1:]]
+    return as_html(replace(made, columns=columns), t, notes=[note])
 
 
 def block_tests_sheet(report: EpochsReport, t: Texts) -> Sheet | None:

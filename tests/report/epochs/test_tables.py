@@ -11,8 +11,13 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.report.epochs_report import EpochsReport, displacement_table, render_congruence
+from factorgraph_adj.report.epochs_report import (
+    EpochsReport,
+    displacements_table,
+    render_congruence,
+)
 from factorgraph_adj.report.results_json import epochs_results_text
+from factorgraph_adj.report.tables import as_csv
 from tests.networks import moved
 
 jsonschema = pytest.importorskip("jsonschema")
@@ -67,7 +72,7 @@ def test_an_unknown_schema_is_refused():
 
 def test_the_table_has_the_ellipses_of_the_comparison():
     report = CASES["plan"]()
-    rows = list(csv.DictReader(io.StringIO(displacement_table(report))))
+    rows = list(csv.DictReader(io.StringIO(as_csv(displacements_table(report)))))
     assert [r["name"] for r in rows] == report.names
     for row, e in zip(rows, report.found.ellipses(confidence=0.95), strict=True):
         x = report.found.displacement(row["name"])
