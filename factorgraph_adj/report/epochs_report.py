@@ -26,7 +26,7 @@ from .adjusted_points import COVARIANCE_PAIRS
 from .doubtful_results import unknowns_left_out
 from .layout import listed, paragraph, short, table, title
 from .options import Provenance
-from .tables import DATA, READ, Column, Table, Unit, as_frame, as_text, unit_of
+from .tables import DATA, READ, Column, Table, as_frame, as_text, unit_of
 
 EPOCH_WORDS = {1: ("common",), 2: ("first", "second")}
 """Words for the adjustments, by their number."""
@@ -148,22 +148,23 @@ def displacement_columns(report: EpochsReport) -> list[Column[Displacement]]:
     """Return the columns of displacements, with the ellipse of each in the horizon of its point."""
     found, small = report.found, unit_of(report.units.sigma_length)
     axes = ["xyz".index(a) for a in found.differences.axes]
-    state, ellipses, later = (
-        dict(zip(report.names, values, strict=True))
-        for values in (report.states, report.ellipses, found.differences.later)
-    )
+    state = dict(zip(report.names, report.states, strict=True))
+    ellipses = dict(zip(report.names, report.ellipses, strict=True))
+    later = dict(zip(report.names, found.differences.later, strict=True))
 
-    def size(title: str, value: Callable[[Displacement], Any], **options: Any) -> Iterator[Any]:
-        """Return columns of a length, whose heading in text is short."""
-
-        def shown(x: Displacement) -> str | None:
-            return "∞" if isinf(value(x)) else None
-
-        options = {"title": title, "value": value, "digits": 2, "shown": shown} | options
-        if "text" in options["only"]:
-            yield Column(**options | {"unit": Unit("", small.size), "only": ("text",)})
-        some = [r for r in options["only"] if r != "text"]
-        yield Column(**options | {"unit": small, "only": some, "suffix": True, "exact": True})
+    def size(title: str, value: Callable[[Displacement], float], **options: Any) -> Any:
+        """Return the column of a length."""
+        return Column[Displacement](
+            title=title,
+            value=value,
+            unit=small,
+            digits=2,
+            shown=lambda x: "∞" if isinf(value(x)) else None,
+            suffix=True,
+            exact=True,
+            short_heading=True,
+            **options,
+        )
 
     def record(name: str, value: Callable[[Displacement], Any]) -> Column[Displacement]:
         return Column(title=name, value=value, only=("json",))
@@ -187,21 +188,20 @@ def displacement_columns(report: EpochsReport) -> list[Column[Displacement]]:
         ),
         record("covariance", lambda x: [float(x.covariance[p]) for p in COVARIANCE_PAIRS.values()]),
         *(
-            column
-            for name, key, of, explained in (
-                ("d", "d", "vector", "displacement"),
-                ("σ d", "sigma_d", "sigmas", "sigma_d"),
-            )
-            for i, a in enumerate("xyz")
-            for column in size(
+            size(
                 f"{name}{a}",
                 lambda x, of=of, i=i: float(getattr(x, of)[i]),  # type: ignore[misc]
                 key=f"{key}{a}",
                 help=explained,
                 only=both if i in axes else table,
             )
+            for name, key, of, explained in (
+                ("d", "d", "vector", "displacement"),
+                ("σ d", "sigma_d", "sigmas", "sigma_d"),
+            )
+            for i, a in enumerate("xyz")
         ),
-        *size("length", lambda x: x.length, only=(*both, "json")),
+        size("length", lambda x: x.length, only=(*both, "json")),
         Column(title="T", key="test_value", value=lambda x: x.test.value, help="t_epochs", **test),
         Column(title="critical", value=lambda x: x.test.critical, **test),
         Column(title="dof", value=lambda x: x.test.freedom[0], only=("html",)),
@@ -220,7 +220,7 @@ def displacement_columns(report: EpochsReport) -> list[Column[Displacement]]:
             only=READ,
         ),
         Column(title="moved", value="moved", only=DATA),
-        *size("detectable", lambda x: x.detectable, help="detectable", only=(*both, "json")),
+        size("detectable", lambda x: x.detectable, help="detectable", only=(*both, "json")),
         record("hardest", lambda x: x.hardest.tolist()),
         *(
             replace(c, help="ellipse_d", exact=True)

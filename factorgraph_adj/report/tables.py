@@ -192,6 +192,8 @@ class Column(Generic[Row]):
     """Whether the name in CSV ends in the unit."""
     with_unit: bool = False
     """Whether the unit stands behind each figure of the text, as rows have several."""
+    short_heading: bool = False
+    """Whether the heading in text lacks the unit, which a sentence below the table states."""
     below: str | None = None
     """Where the cell stands in text: None: in a column of its own; title of a column: below the
     cell of that column; empty: in a paragraph below the row."""
@@ -263,9 +265,9 @@ class Column(Generic[Row]):
             return unit.exact(value)
         return unit.exact(value) if self.exact else figure(value / unit.size)
 
-    def heading(self, t: Texts) -> str:
-        """Return the heading with the unit of the whole column."""
-        unit = "" if callable(self.unit) else self.unit.name
+    def heading(self, t: Texts, *, short: bool = False) -> str:
+        """Return the heading with the unit of the whole column; a short one has none."""
+        unit = "" if short or callable(self.unit) else self.unit.name
         return f"{t.heading(self.title)} [{unit}]" if unit else t.heading(self.title)
 
     def _unit(self, row: Row) -> Unit:
@@ -317,7 +319,7 @@ def as_text(made: Table[Row], t: Texts = ENGLISH) -> list[str]:
         rows += [second] if any(second) else []
         notes += ["", note] if any(second) else [note]
     left = next((n for n, i in enumerate(kept) if _is_figure(columns[i], made.rows)), len(kept))
-    heads = [columns[i].heading(t) for i in kept]
+    heads = [columns[i].heading(t, short=columns[i].short_heading) for i in kept]
     return table(heads, rows, left=left, notes=notes if sentences else ())
 
 

@@ -11,14 +11,17 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
+from factorgraph_adj.report import epochs_report
 from factorgraph_adj.report.epochs_report import (
     EpochsReport,
     displacements_table,
     render_congruence,
 )
+from factorgraph_adj.report.html.epochs_page import epochs_html
 from factorgraph_adj.report.results_json import epochs_results_text
-from factorgraph_adj.report.tables import as_csv
+from factorgraph_adj.report.tables import Column, as_csv
 from tests.networks import moved
+from tests.support.pages import data_of
 
 jsonschema = pytest.importorskip("jsonschema")
 
@@ -82,6 +85,35 @@ def test_the_table_has_the_ellipses_of_the_comparison():
         assert float(row["ellipse_major_mm"]) == pytest.approx(1e3 * e.semi_axes[0], rel=1e-12)
         assert float(row["ellipse_azimuth_gon"]) == pytest.approx(e.azimuth * 200 / np.pi)
         assert float(row["confidence"]) == 0.95
+
+
+def test_standard_ellipses_have_no_confidence_in_the_table():
+    report = EpochsReport(moved.in_plan(), confidence=None)
+    assert "confidence" not in as_csv(displacements_table(report)).splitlines()[0].split(",")
+
+
+def test_a_figure_of_displacements_that_is_added_appears_in_every_rendering(monkeypatch):
+    """The column is the displacement over the smallest one that is detected."""
+    before = epochs_report.displacement_columns
+
+    def with_ratio(report):
+        value = lambda x: x.length / x.detectable  # noqa: E731
+        return [*before(report), Column(title="d/∇", key="ratio", value=value, digits=4)]
+
+    monkeypatch.setattr(epochs_report, "displacement_columns", with_ratio)
+    report = EpochsReport(moved.in_plan())
+    expected = [x.length / x.detectable for x in report.found.displacements.values()]
+    read = [f"{v:.4f}" for v in expected]
+    text = render_congruence(report.found)
+    lines = text[text.index("Displacements") :].split("\n\n")[1].splitlines()
+    assert [line.split()[-1] for line in lines] == ["d/∇", lines[1].strip(), *read]
+    assert read in data_of(epochs_html(report), "sheet-displacements")["columns"]
+    header, *rows = as_csv(displacements_table(report)).splitlines()
+    at = header.split(",").index("ratio")
+    assert [float(r.split(",")[at]) for r in rows] == pytest.approx(expected)
+    written = json.loads(epochs_results_text(report))["displacements"]
+    assert [x["ratio"] for x in written] == pytest.approx(expected)
+    assert report.found.table()["ratio"] == pytest.approx(expected)
 
 
 def test_a_displacement_in_plan_is_significant_outside_of_its_ellipse():
