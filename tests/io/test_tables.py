@@ -17,8 +17,9 @@ from factorgraph_adj.experiment.runs import Results
 from factorgraph_adj.io.csv_tables import read_table, unguarded_cell, write_columns
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.observations import Direction, SlopeDistance
-from factorgraph_adj.report.epochs_report import EpochsReport, displacement_table
+from factorgraph_adj.report.epochs_report import EpochsReport, displacements_table
 from factorgraph_adj.report.result_files import write_solution
+from factorgraph_adj.report.tables import as_csv
 
 FORMULA = re.compile(r"[=@+\-\t\r＝＠＋－]")
 NAMES = (
@@ -94,7 +95,7 @@ def test_projects_with_such_names_come_back_and_results_have_no_formulas(tmp_pat
 
 def test_tables_of_epochs_and_experiments_have_no_formulas():
     epochs = [fga.adjust(triangle(("=A", "@B", "=P+1"))) for _ in range(2)]
-    moved = displacement_table(EpochsReport(fga.congruence(*epochs)))
+    moved = as_csv(displacements_table(EpochsReport(fga.congruence(*epochs))))
     row = Repetition({"=f": "+a"}, 0, 1, {"@v": -1.0}, "=1", "-cmd\x07\nnext")
     said = Results("study", ("=f",), (row,)).table()
     assert "'=P+1" in moved and "'+a" in said and "\x07" not in said
