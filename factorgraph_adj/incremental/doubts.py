@@ -1,4 +1,4 @@
-"""Doubts about an incremental result, as sentences: no minimum, contradicting suspects and photos.
+"""Sentences of doubt: no minimum, photos mostly of suspects, the reading that suspects contradict.
 
 Without a minimum the estimates are those of the last one, without the observations that came since.
 The solution then has ``converged`` false; here the observations are named that contradict these

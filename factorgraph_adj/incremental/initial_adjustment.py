@@ -1,4 +1,4 @@
-"""Initial incremental state of a network with observations; convergence of any state."""
+"""Initial incremental state: determined observations adjusted, others waiting; convergence."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Retirement window: the unknowns due for retirement, where the last photos or seconds are kept."""
+"""Retirement window of photos or seconds: unknowns due, and observations between given points."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Queries of the incremental state: estimates, precision, outcomes, doubts, network, solution."""
+"""Queries of the state: estimates, precision, outcomes, doubts, reliability, network, solution."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Worklist of tasks by which observations enter the incremental state, wait, or fail their tests.
+"""Incremental state, and the worklist by which observations enter it, wait, or fail their tests.
 
 A task is a set of observations to be examined. Each round takes a task, finds which of its
 observations, and of those that wait with them, are determined (`determinability`), lets these
