@@ -1,4 +1,4 @@
-"""Systematic errors of a simulation: lens, film, refraction, scale and zero of distances.
+"""Systematic errors: image shifts by lens and film; true refraction, scale and zero of distances.
 
 Some errors concern quantities of the network, such as refraction or the scale of a tape: the
 readings are made with the true value, and the network has the assumed value. Other errors are in

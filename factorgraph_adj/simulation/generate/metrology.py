@@ -1,4 +1,4 @@
-"""Simulated points on walls, rails, pipes, spheres; trackers on a ring that sight targets."""
+"""Simulated points on planes, lines, circles, cylinders, spheres; targets that trackers sight."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The scene of a simulated network: base of its parts, points, cameras, photos; patterns."""
+"""Scene of a simulated network: base of its parts, cameras, photos; patterns of points, lines."""
 
 from __future__ import annotations
 
