@@ -1,4 +1,4 @@
-"""Addition of points, photos, cameras and unknowns made elsewhere, with all their problems."""
+"""Addition of finished points, photos, cameras and unknowns to a network; all problems at once."""
 
 from __future__ import annotations
 
