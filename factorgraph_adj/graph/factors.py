@@ -1,4 +1,4 @@
-"""CustomFactors of GTSAM: observations and held components, with checked partials.
+"""CustomFactors of GTSAM: observations, held components; checks of shape and finiteness.
 
 GTSAM does not check the output of a callback: a Jacobian that is unset, not two-dimensional or of
 a wrong number of rows ends the process, and a NaN stops an optimiser without a message. Therefore

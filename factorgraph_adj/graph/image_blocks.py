@@ -1,4 +1,4 @@
-"""Image coordinates as blocks by lens model: ids, chunks of rays, evaluation, sums by point.
+"""Image coordinates by lens model: ids of rays and their look-up, chunks, partials, sums by point.
 
 A chunk has the rays of several whole or partial photos. Each component of residuals and partials
 is a contiguous array over the rays of the chunk, so that every operation runs through the cache of
