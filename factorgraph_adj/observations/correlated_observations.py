@@ -1,4 +1,4 @@
-"""Observations with one joint covariance, and positions correlated in time (Gauss-Markov)."""
+"""Observations with a joint covariance; positions, attitudes correlated in time (Gauss-Markov)."""
 
 from __future__ import annotations
 

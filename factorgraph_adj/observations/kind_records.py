@@ -1,4 +1,4 @@
-"""Records of flight, instruments, metrology, strips, relations, rigs, shapes, surface heights."""
+"""Records of kinds: flight, instruments, metrology, strips, relations, rigs, shapes, heights."""
 
 from __future__ import annotations
 
