@@ -1,4 +1,4 @@
-"""Candidates for additions to a design: cost, planned readings, partials; also from two designs.
+"""Candidates for additions to a design: cost, readings, partials; difference of two designs.
 
 The readings of a candidate are computed from the given values of the network.
 """
