@@ -1,1 +1,1 @@
-"""Formats of photogrammetric programs and of structure from motion."""
+"""Readers and writers of formats of photogrammetric programs and of structure from motion."""

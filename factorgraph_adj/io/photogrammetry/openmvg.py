@@ -1,4 +1,4 @@
-"""Reader of OpenMVG: sfm_data.json with views, intrinsics, poses, structure and control points.
+"""Reader of OpenMVG (sfm_data.json): views, intrinsics, poses, priors, structure, control points.
 
 With (x, y, z) of a point in the camera, x right, y down, z ahead, p = (x/z, y/z) and r = |p|:
 

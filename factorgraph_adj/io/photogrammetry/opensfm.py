@@ -1,4 +1,4 @@
-"""Reader of OpenSfM and ODM: cameras, photos, points, tracks, frame, ground control points."""
+"""Reader of OpenSfM and ODM: cameras, photos, GPS positions, points, tracks, frame, control."""
 
 from __future__ import annotations
 
