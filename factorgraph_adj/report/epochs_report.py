@@ -1,4 +1,4 @@
-"""Report of two epochs: text protocol, CSV of displacements, figures that pages and plots share."""
+"""Report of two epochs: text report, CSV of displacements, figures that pages and plots share."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ PARAMETER_UNITS = {"t": ("mm", 1e3), "r": ("µrad", 1e6), "s": ("ppm", 1e6), "e"
 
 @dataclass(frozen=True, eq=False)
 class EpochsReport:
-    """What protocol, figures, pages and exports of two epochs need."""
+    """What text, figures, pages and exports of two epochs need."""
 
     found: Congruence
     """The comparison."""
@@ -256,7 +256,7 @@ def record_of_test(test: HypothesisTest) -> dict[str, Any]:
 
 
 def render_congruence(found: Congruence, *, blocks: Sequence[BlockMotion] = ()) -> str:
-    """Return the protocol of the comparison of two epochs as text.
+    """Return the text report of the comparison of two epochs.
 
     Args:
         found: the comparison.

@@ -30,7 +30,7 @@ GEOGRAPHIC_UNIT_NAMES = {"dms": "degrees-minutes-seconds", "deg": "decimal degre
 GRID_COLUMNS = ("easting", "northing", "grid_height")
 """Columns of tables, where ``height`` is the ellipsoidal one."""
 RESOLUTION_IN_TEXT_RAD, RESOLUTION_IN_TABLES_RAD = 1e-6, 1e-9
-"""Resolution of the convergence and of ω, φ, κ in the protocol and in tables, radians."""
+"""Resolution of the convergence and of ω, φ, κ in the text report and in tables, radians."""
 
 
 def geographic_section(report: Report) -> list[str]:

@@ -23,7 +23,7 @@ from ..units import decimal
 SCALAR_TYPES = frozenset({str, float, int, bool, type(None)})
 """Types that are written without members of their own."""
 LINE_WIDTH = 100
-"""Width of a protocol's heading and paragraphs, characters."""
+"""Width of a text report's heading and paragraphs, characters."""
 NO_BREAK = "\u00a0"
 """Blank at which `paragraph` does not break a line."""
 
@@ -115,7 +115,7 @@ def _width(text: str) -> int:
 
 
 def paragraph(text: str, *, indent: int = 2) -> list[str]:
-    """Return a text as lines of the protocol's width; names made by `unbroken` are not broken."""
+    """Return a text as lines of the report's width; names made by `unbroken` are not broken."""
     blank = " " * indent
     lines = wrap(
         text,

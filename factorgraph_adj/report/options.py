@@ -60,7 +60,7 @@ class ReportOptions:
 
 @dataclass(frozen=True)
 class Run:
-    """What a protocol says of the run that it comes from; empty texts are left out."""
+    """What a text report says of the run that it comes from; empty texts are left out."""
 
     file: str = ""
     """The file or folder that was adjusted, as it was named."""

@@ -1,4 +1,4 @@
-"""Result files of a solution: protocol, results.json, CSV; protocol and CSV of one in parts.
+"""Result files of a solution: text report, results.json, CSV; text and CSV of one in parts.
 
 The names of the columns, or a column beside the value, state the units of CSV tables.
 results.json has metres, radians and image units throughout.
@@ -42,7 +42,7 @@ from .text import NO_REDUNDANCY, global_test_text, render_text, run_lines
 from .unknowns import unknowns_table
 
 MAX_REPEATED_LISTED = 20
-"""Largest number of repeated observations that a protocol lists."""
+"""Largest number of repeated observations that a text report lists."""
 MEGABYTE = 1e6
 """Bytes of a megabyte."""
 RESULT_FILES = (
@@ -54,7 +54,7 @@ RESULT_FILES = (
 
 
 def parts_protocol(solution: PartsSolution, run: Run | None = None) -> str:
-    """Return the protocol of an adjustment in parts: the whole, its parts, the largest tests."""
+    """Return the text report of an adjustment in parts: the whole, its parts, the largest tests."""
     sections = (
         _whole_network(solution, run or Run()),
         [line for said in unknowns_left_out(solution) for line in paragraph(said)],
@@ -96,7 +96,7 @@ def write_parts(solution: PartsSolution, folder: str | Path, run: Run | None = N
     )
 
 
-# -- protocol -------------------------------------------------------------------------------------
+# -- text report ----------------------------------------------------------------------------------
 
 
 def _whole_network(s: PartsSolution, run: Run) -> list[str]:
@@ -270,8 +270,8 @@ def write_solution(
     coordinates in metres or the unit of the project, angles in its unit of angles. Numbers are
     written with the digits that bring the double precision back, so that they can be read as data;
     latitudes, longitudes and heights, which are computed from X Y Z, to 10 nm. The
-    protocol rounds. `reference/command` lists every file and its columns. `adjust --out` writes the
-    same files.
+    text report rounds. `reference/command` lists every file and its columns. `adjust --out` writes
+    the same files.
 
     Args:
         solution: the result of `adjust`.

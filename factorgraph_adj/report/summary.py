@@ -1,7 +1,7 @@
 """Summary of an adjustment, whole or in parts: one screen of text, or one line with the verdict.
 
-The verdict has the words of the protocol and of the HTML page. Lists get the rows that the verdict
-leaves; what is cut off stands in the protocol.
+The verdict has the words of the text report and of the HTML page. Lists get the rows that the
+verdict leaves; what is cut off is in the text report.
 """
 
 from __future__ import annotations

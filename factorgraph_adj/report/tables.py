@@ -1,6 +1,6 @@
 """Tables of results: columns declared once, rendered as text, HTML, CSV, JSON and arrays.
 
-A `Column` says what stands in a cell of a row, in the units of the solution, and how people read
+A `Column` says what is in a cell of a row, in the units of the solution, and how people read
 it. `as_text` and `as_html` write what people read; `as_csv`, `as_json` and `as_frame` keep all
 digits. A column that is added to a table appears in all five.
 """
@@ -171,7 +171,7 @@ class Column(Generic[Row]):
     """The cell, a function of the row or the name of a field of it: a figure in the unit of the
     solution, an integer, a truth value or a text; None: the cell is empty."""
     unit: Unit | Callable[[Row], Unit] = NUMBER
-    """Unit in which the figure is shown; that of the whole column stands in its heading."""
+    """Unit in which the figure is shown; that of the whole column is in its heading."""
     digits: int | Callable[[Row], int | None] | None = None
     """Decimals of the figure where people read it; None: three significant digits."""
     help: str = ""
@@ -195,7 +195,7 @@ class Column(Generic[Row]):
     short_heading: bool = False
     """Whether the heading in text lacks the unit, which a sentence below the table states."""
     below: str | None = None
-    """Where the cell stands in text: None: in a column of its own; title of a column: below the
+    """Where the cell is in text: None: in a column of its own; title of a column: below the
     cell of that column; empty: in a paragraph below the row."""
     translated: bool = False
     """Whether cells are names of kinds or states, which a page has in its language."""

@@ -1,4 +1,4 @@
-"""Text report (protocol) of an adjustment: overview, doubts, global test, datum, all sections."""
+"""Text report of an adjustment: overview, doubts, global test, datum, all sections."""
 
 from __future__ import annotations
 
@@ -58,9 +58,9 @@ def protocol(
     options: ReportOptions | None = None,
     provenance: Provenance | None = None,
 ) -> str:
-    """Return the protocol of an adjustment, or of the comparison of two epochs.
+    """Return the text report of an adjustment, or of the comparison of two epochs.
 
-    The protocol contains: the run, the network, the number of observations of each kind, datum,
+    The text report contains: the run, the network, the number of observations of each kind, datum,
     iterations and the reason of their end, σ̂0 and its test, redundancy numbers by kind, weakest
     observations and points, adjusted coordinates, corrections of weighted ones, photos, shapes,
     frames, calibrations and other unknowns with their standard deviations and tests, check points,
@@ -82,7 +82,7 @@ def protocol(
 
 
 def render_text(report: Report) -> str:
-    """Return the protocol of a report."""
+    """Return a report as text."""
     precise = (
         points_section,
         side_shots_section,

@@ -41,7 +41,7 @@ MAX_WARNINGS_LISTED = 10
 _USUAL = {"refraction": "refraction", "vertical": "verticals", "edm": "distance meters"}
 """Kinds that the heading of their table names first, and in what words."""
 _APART = ("frame",)
-"""Kinds with a table of their own in the protocol."""
+"""Kinds with a table of their own in the text report."""
 _PER = ("", "/t", "/t²")
 """What stands behind the unit of a component that observations multiply by a power of t."""
 STRONG_CORRELATION = 0.8

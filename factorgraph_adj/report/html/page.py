@@ -313,14 +313,14 @@ def write_report(
     and with the observations that are in doubt, and a view in three dimensions; groups of
     observations; the worst observations and those that were rejected; points, control and check
     points, photos, calibrations and other unknowns; all observations; the distribution of test
-    values and of redundancy; input files, versions, options, and the protocol as text. Tables sort,
+    values and of redundancy; input files, versions, options, and the text report. Tables sort,
     filter and export CSV.
 
     Of two epochs it has: the verdict; the plan of the displacements with their ellipses; the
     displacements with test values and smallest detectable ones; the congruence tests of the
     reference points; common motions and strains; the adjustments with the ratio of their variances.
 
-    The same arguments give the same file: a date stands in it only if ``provenance`` has one.
+    The same arguments give the same file: it has a date only if ``provenance`` has one.
 
     Args:
         solution: the result of `adjust`, or of `congruence`.

@@ -178,7 +178,7 @@ def run_provenance(run: Run, more: Sequence[tuple[str, str]], t: Texts) -> list[
 
     Args:
         run: the run.
-        more: keys and texts of what else is told.
+        more: keys and texts of further lines.
         t: texts of the language.
     """
     parts = [

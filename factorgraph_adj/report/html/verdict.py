@@ -62,7 +62,7 @@ class Verdict:
 
 
 def adjustment_verdict(report: Report, t: Texts) -> Verdict:
-    """Return the verdict; it is red if the protocol calls the result doubtful."""
+    """Return the verdict; it is red if the text report calls the result doubtful."""
     lights = [
         _ended(report, t),
         _datum(report, t),
@@ -275,7 +275,7 @@ def _figures(report: Report, t: Texts) -> list[tuple[str, str]]:
 
 
 def epochs_verdict(report: EpochsReport, t: Texts) -> Verdict:
-    """Return the verdict; it is red if the protocol calls the displacements doubtful."""
+    """Return the verdict; it is red if the text report calls the displacements doubtful."""
     lights = [
         _tested(report, t),
         *_epochs_unknowns_left_out(report, t),
