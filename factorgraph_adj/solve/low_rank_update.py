@@ -1,4 +1,4 @@
-"""Low-rank update of a solved system: rows that join, leave, constrain; new unknowns; their tests.
+"""Low-rank update of a solved system: rows join, leave, constrain; new unknowns; tests of rows.
 
 N is the normal matrix of the system and Q = N⁻¹. The whitened rows B (k, n) have signs s: rows join
 (+1), leave (−1), or are constraints without error (0), of infinite weight. With S = diag(s),

@@ -1,4 +1,4 @@
-"""Second minima: points at better or equal places, mirror images; adjustment from given values.
+"""Second minima: points at better or equal places, mirror images; given values if a start fails.
 
 Where observations are symmetric about a plane through a point, as slope distances from stations of
 one height are, vᵀPv has no gradient across the plane: its partial derivatives are zero, and

@@ -1,4 +1,4 @@
-"""Motions that rows leave open, or notice without determining them; motions of stations.
+"""Motions that rows leave open, or notice without determining them; motions of shared unknowns.
 
 Some rows change with a motion of the whole network and nevertheless determine nothing of it:
 
