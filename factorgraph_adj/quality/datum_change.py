@@ -1,4 +1,4 @@
-"""The S-transformation: a solution with respect to other datum points.
+"""S-transformation to other datum points: of a free network, or of covariances in a given datum.
 
 Coordinates and their covariances refer to a datum; the shape of the network is independent of it.
 Baarda's S-transformation (S-transformations and criterion matrices, 1973) leads from one datum to

@@ -1,4 +1,4 @@
-"""Significance of calibration and instrument parameters; their multiple and pair correlations.
+"""Significance of calibration and all additional parameters; multiple and pair correlations.
 
 Each parameter of interior orientation, lens distortion, distance meters and refraction is tested
 against its value without a systematic error, and strong correlations with other unknowns are

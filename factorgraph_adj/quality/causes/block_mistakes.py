@@ -1,4 +1,4 @@
-"""Mistakes that bend a block of photos: exchanged names, wrong control, principal distances.
+"""Mistakes without which a bent block fits: exchanged names, wrong control, principal distances.
 
 Two image points of a photo with each other's names, a control point with the coordinates of
 another or with a height of the wrong sign, a principal distance in another unit: the adjustment of

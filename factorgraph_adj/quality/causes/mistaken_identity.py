@@ -1,4 +1,4 @@
-"""Rejected readings that fit as another target, with other ends, in the other face or axes.
+"""Rejected readings that fit as another target, in the other face, or with ends or x, y exchanged.
 
 Readings with very large errors distort an adjustment beyond its linear model. In the solution
 without them each is computed again as if its target were another point, its ends were exchanged, it
