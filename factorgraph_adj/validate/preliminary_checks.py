@@ -1,4 +1,4 @@
-"""All checks of readings before an adjustment, one after the other: `preliminary`."""
+"""All checks of readings before an adjustment: `preliminary`; mistakes that explain misfits."""
 
 from __future__ import annotations
 

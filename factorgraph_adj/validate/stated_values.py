@@ -1,4 +1,4 @@
-"""Doubts about stated values: line lengths by places, set-up heights, surfaces by their points.
+"""Doubts: lengths of levelled lines; set-up heights exchanged, differing; surfaces by points.
 
 Heights of instruments and targets may differ, or be missing, within a set-up.
 
