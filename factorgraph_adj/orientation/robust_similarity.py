@@ -1,4 +1,4 @@
-"""Similarities from a part to the frame: robust by points or rays; least squares by components.
+"""Similarities of a part to the frame, robust by points or rays, else least squares; scale by rays.
 
 They bring a part of a block into the frame of the network. Points have all or some of their
 coordinates known; attitudes of photos give the rotation. One wrong coordinate does not spoil it:
