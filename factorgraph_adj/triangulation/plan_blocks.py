@@ -1,4 +1,4 @@
-"""Blocks in plan: models (An-block), also plan and height in turn, compared; radial triangulation.
+"""Blocks in plan: An-blocks; plan and height in turn against all at once; radial triangulation.
 
 An An-block (FRAMES F3, F4) has four unknowns for each model: rz, x, y and ln_scale, and the x and y
 of model points. A plan-height adjustment (PAT-M43) repeats it, and between two of them adjusts the
