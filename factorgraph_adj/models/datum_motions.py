@@ -1,4 +1,4 @@
-"""Changes of unknowns of every kind in the seven motions that a datum may leave open.
+"""Changes of points, poses, frames, verticals, drifts, levels, scales in the seven datum motions.
 
 The seven motions are three shifts along x, y, z (1 m), three rotations about axes through a centre
 and a scale about this centre (1 m at the mean distance of the points). Each function returns
