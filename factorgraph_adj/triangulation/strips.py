@@ -1,4 +1,4 @@
-"""Strips: models joined one to the next by similarities, turned to ground, bent by polynomials.
+"""Strips: models joined by similarities, turned to ground; network of points with polynomials.
 
 Each model is joined to the strip by a similarity over the points and projection centres that both
 have; common points get the mean. The strip is turned, scaled and shifted to the ground by one
