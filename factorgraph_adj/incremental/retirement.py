@@ -271,8 +271,11 @@ def missed_step(state: IncrementalState) -> float:
     Raises:
         AdjustmentError: there is no minimum.
     """
-    retired, fronts = state.ledger.retired, engines.in_fronts(state.system)
-    if retired is None or fronts is None or not retired.prior.groups:
+    retired = state.ledger.retired
+    if retired is None or not retired.prior.groups:
+        return 0.0
+    fronts = engines.in_fronts(state.system)
+    if fronts is None:
         return 0.0
     solution = fronts.solution
     moved = retired.prior.movement(solution.equations, solution.state)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import importlib
 import os
+import pkgutil
 import resource
 import signal
 import sys
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -68,6 +71,7 @@ class Outcome:
 
 def run(arguments: Sequence[str], piped: Path | None) -> Outcome:
     """Run a command in a process of its own."""
+    import_package()
     with tempfile.TemporaryFile() as out:
         child = os.fork()
         if not child:
@@ -81,6 +85,14 @@ def run(arguments: Sequence[str], piped: Path | None) -> Outcome:
     messages = [text] if piped is None else text.splitlines()
     longest = max((len(m) for m in messages), default=0)
     return Outcome(code, text, seconds, max(0.0, used.ru_maxrss / 1024.0 - before), longest)
+
+
+@cache
+def import_package() -> None:
+    """Import the modules that commands import, which else every forked process does anew."""
+    for module in pkgutil.walk_packages(fga.__path__, f"{fga.__name__}."):
+        if not module.name.endswith("__main__"):
+            importlib.import_module(module.name)
 
 
 def _child(arguments: Sequence[str], piped: Path | None, out: int) -> None:

@@ -7,6 +7,8 @@ from collections import Counter
 
 import pytest
 
+from tests.support.studies import cases
+
 from .campaign import campaign
 
 pytestmark = pytest.mark.slow(
@@ -15,19 +17,16 @@ pytestmark = pytest.mark.slow(
 
 INPUTS = 300
 PARTS = 10
-SHORT = (1, 2, 9)
-"""Parts of the short tests."""
-LONG = pytest.mark.slow("210 damaged inputs more than the 90 of the short tests")
+TESTED = (0, 1, 2, 3, 4, 5, 6, 8, 9)
+"""Parts without the one of which an input alone is snooped for 40 s."""
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="processes are forked")
-@pytest.mark.parametrize(
-    "part", [p if p in SHORT else pytest.param(p, marks=LONG) for p in range(PARTS)]
-)
+@pytest.mark.parametrize("part", cases(range(PARTS), TESTED))
 def test_damaged_inputs_are_refused_by_name_or_adjusted_rightly(part, tmp_path):
     size = INPUTS // PARTS
-    cases = list(campaign(part * size, size, tmp_path))
-    faults = [f"{c.seed} {c.source}, {c.done}: {c.outcome.fault}" for c in cases if c.outcome.fault]
+    made = list(campaign(part * size, size, tmp_path))
+    faults = [f"{c.seed} {c.source}, {c.done}: {c.outcome.fault}" for c in made if c.outcome.fault]
     assert not faults
-    told = Counter(c.told for c in cases)
+    told = Counter(c.told for c in made)
     assert told["refused"] > size // 4
