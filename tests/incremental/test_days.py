@@ -16,6 +16,7 @@ from factorgraph_adj.ledger.command_input import Engine
 from factorgraph_adj.observations import AnyObservation, SlopeDistance
 from tests.support import days
 from tests.support.days import compare, drawn, play
+from tests.support.studies import cases
 from tests.support.two_engines import NEAR, pairs
 
 LONG = pytest.mark.slow(
@@ -31,8 +32,10 @@ UNLIKE = (5023, 5029, 6000)
 """Days on which the engines judged new unknowns at different places, or tested suspects again at
 different moments."""
 
-SUSPECTS = range(6060, 6120, 6)
+SUSPECTS = [6000, *range(6066, 6120, 6)]
 """Days with the policy "flag"; on two of them suspects come back while observations arrive."""
+SNOOPED_AS_THEY_ENTER = [6060]
+"""Another one, of which new unknowns alone are snooped for longer than those ten take."""
 
 
 @LONG
@@ -69,11 +72,14 @@ def test_verdicts_of_a_day_do_not_depend_on_the_engine(seed: int, engine: Engine
 
 
 @LONG
-def test_verdicts_of_ten_days_agree_after_every_arrival(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("seeds", cases([SUSPECTS, SNOOPED_AS_THEY_ENTER], [SUSPECTS]))
+def test_verdicts_of_ten_days_agree_after_every_arrival(
+    seeds: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Suspects come back at the same moments, whatever an engine adjusts anew at which of them."""
     monkeypatch.setattr(days, "compare", lambda *_: None)
     came_back = 0
-    for seed in SUSPECTS:
+    for seed in seeds:
         arrivals: list[list[Arrival]] = [[], []]
         for name, told in zip(("isam2", "fronts"), arrivals, strict=True):
             list(play(seed, name, told))

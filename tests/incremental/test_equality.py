@@ -62,7 +62,6 @@ CHOSEN = (
     "own cameras",
     "held photo",
     "AICON, 12 photos",
-    "camcal, weighted",
 )
 """Those of them that are not left to ``python -m tests.benchmarks.equality``."""
 HARD = (
