@@ -14,7 +14,7 @@ the same T² whatever was read, none comes first by right; these cases are count
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import count as count_from
@@ -112,10 +112,10 @@ def spoiled(cause: str, seed: int, size: float) -> Spoiled:
     return out
 
 
-def count(cause: str, cases: int) -> Counted:
+def count(cause: str, seeds: Iterable[int]) -> Counted:
     """Look for a cause in simulated cases."""
     first = three = as_good = named = done = 0
-    for seed in range(cases) if cause in PHOTOS else determined(cases):
+    for seed in seeds:
         size = 0.0
         if cause in SIZED:
             size = TIMES * detectable(cause, seed)
@@ -178,7 +178,7 @@ def main() -> None:
     cases = int(sys.argv[1]) if len(sys.argv) > 1 else CASES
     print(f"{'cause':20}{'cases':>6}{'first':>6}{'first 3':>8}{'same':>5}{'told':>5}")
     for cause in sys.argv[2:] or [*SIZED, *EXCHANGES, *PHOTOS]:
-        c = count(cause, cases)
+        c = count(cause, range(cases) if cause in PHOTOS else determined(cases))
         print(f"{cause:20}{c.cases:6}{c.first:6}{c.three:8}{c.same:5}{c.named:5}", flush=True)
     if not sys.argv[2:]:
         for what, photos in (("sites", False), ("photo blocks", True)):
