@@ -262,11 +262,9 @@ def taken_back(state: IncrementalState, rules: Options) -> IncrementalState:
 
 
 def missed_step(state: IncrementalState) -> float:
-    """Return the bound of the step that linear rows miss, relative to σ.
+    """Return the bound of the step that linear rows miss, relative to σ: √(gᵀQg) + ρ.
 
-    See `factorgraph_adj.solve.marginalisation`:
-
-    √(gᵀQg) + ρ with the cofactors Q of the state; infinite where it is not known.
+    It is infinite where it is not known. See `factorgraph_adj.solve.marginalisation`; Q is Q_xx.
 
     Raises:
         AdjustmentError: there is no minimum.
@@ -274,8 +272,7 @@ def missed_step(state: IncrementalState) -> float:
     retired = state.ledger.retired
     if retired is None or not retired.prior.groups:
         return 0.0
-    fronts = engines.in_fronts(state.system)
-    if fronts is None:
+    if (fronts := engines.in_fronts(state.system)) is None:
         return 0.0
     solution = fronts.solution
     moved = retired.prior.movement(solution.equations, solution.state)
