@@ -1,4 +1,4 @@
-"""Decisions on jointly tested units: which stay by the policy, and their verdicts and gains."""
+"""Decisions on jointly tested units: which stay, fail or wait again; verdicts, gains in precision."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reduction of readings in two faces: means, index and collimation errors, their σ, doubts.
+"""Reduction of readings in two faces: index, collimation, means with σ from given ones; doubts.
 
 With horizontal readings d₁, d₂ and zenith readings z₁, z₂ of a target in faces 1 and 2,
 

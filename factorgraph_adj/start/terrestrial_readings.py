@@ -1,4 +1,4 @@
-"""Terrestrial readings and heights above surfaces as arrays; medians of lengths and angles.
+"""Terrestrial readings and heights above level or pressure surfaces as arrays; medians by group.
 
 Directions, angles, distances, zenith angles, height differences and vectors stand by station and
 target; heights above level surfaces and surfaces of pressure stand by point and surface.

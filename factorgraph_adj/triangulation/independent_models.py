@@ -1,4 +1,4 @@
-"""Relative orientation of photos to a model, and a block of photos as independent models.
+"""Relatively oriented models; their coordinates, with covariance, in a block in place of the rays.
 
 The unit of two or more photos is a bundle without control: the first photo is held, and the largest
 component of the longest base (FRAMES F17.3). Its model has the photogrammetric axes of the first

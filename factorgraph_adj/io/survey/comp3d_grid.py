@@ -1,4 +1,4 @@
-"""Origin and grid of a Comp3D project: stereographic plane, heights, convergence, its frame.
+"""Comp3D grids: origin, its stereographic plane and frame; points of map projections moved there.
 
 X and Y of a local project are a double stereographic projection of GRS80 at its centre (``sterea``
 of PROJ), the third coordinate is the height. What the values that Comp3D prints show:
