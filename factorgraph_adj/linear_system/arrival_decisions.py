@@ -1,4 +1,4 @@
-"""Decisions on jointly tested units: which stay, fail or wait again; verdicts, gains in precision."""
+"""Decisions on jointly tested units: which stay, fail or wait again; verdicts; gains of σ."""
 
 from __future__ import annotations
 
