@@ -41,6 +41,7 @@ STATED_SIGMAS = ("sigma_direction_mgon", "sigma_zenith_mgon", "sigma_distance_mm
 """Standard deviations that a file may state."""
 MAX_COORDINATE_DIFFERENCE_M = 1e-4
 """Coordinates of a point that is stated twice differ by less, metres."""
+UNKNOWN_COORDINATES = (math.nan, math.nan, math.nan)
 
 
 @dataclass(frozen=True)
@@ -162,9 +163,6 @@ def _range_problem(name: str, valid: str, value: object) -> Problem:
 
 DEFAULT_ACCURACIES = Accuracies()
 """Accuracies of an instrument of 3″ and 2 mm + 2 ppm on tripods, and means of both faces."""
-
-
-UNKNOWN_COORDINATES = (math.nan, math.nan, math.nan)
 
 
 @dataclass
@@ -304,7 +302,7 @@ class FieldBook:
             distance: slope distance.
             horizontal: horizontal distance, which is used where there is no slope distance.
             target_height: height of the target; None: 0.
-            face: face, where the file tells it; otherwise the zenith reading does.
+            face: face, where the file states it; otherwise from the zenith reading.
             stated: standard deviations of the file.
         """
         at = self.current

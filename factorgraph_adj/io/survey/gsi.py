@@ -44,6 +44,36 @@ GSI_ANGLES: dict[str, float | str] = {
 }
 """Radians of one unit of the last digit, 5 are mils, 6400 of a circle; 4 is packed as DDDMMSSs."""
 VALUES_MISSING = LeftOutReason("values", "the file has dashes in their place")
+STAFF_WORDS = {
+    **dict.fromkeys(("331", "335"), "back"),
+    **dict.fromkeys(("332", "336"), "fore"),
+    **dict.fromkeys(("333", "334"), "intermediate"),
+}
+"""Sight of a reading of the staff, by word index with the first character of the information."""
+LEVELLING_WORDS = (*STAFF_WORDS, "390", "391", "392", "571", "572", "573", "574")
+SINGLE_READING_METHODS = (1, 10)
+"""Methods BF and aBF; the others read backsight and foresight twice."""
+WORDS_OF_LEVELS = ("11", "32", "33", "39", "57", "83", *(str(i) for i in range(71, 80)))
+"""Word indices that a block of a level has."""
+MAY_BE_MISSING = ("21", "22", "31", "32", *(str(i) for i in range(81, 87)))
+"""Words that may have dashes for a value; without a height of instrument or target there is no
+sight."""
+KNOWN_WORDS = tuple(
+    str(i)
+    for i in (
+        *range(11, 20),
+        21,
+        22,
+        25,
+        31,
+        32,
+        33,
+        *range(41, 60),
+        *range(70, 80),
+        *range(81, 89),
+    )
+)
+"""Word indices that a block may have."""
 
 
 # -- words and blocks -----------------------------------------------------------------------------
@@ -136,18 +166,6 @@ def _whole_number(field: Field) -> float:
 
 
 # -- levelled lines -------------------------------------------------------------------------------
-
-STAFF_WORDS = {
-    **dict.fromkeys(("331", "335"), "back"),
-    **dict.fromkeys(("332", "336"), "fore"),
-    **dict.fromkeys(("333", "334"), "intermediate"),
-}
-"""Sight of a reading of the staff, by word index with the first character of the information."""
-LEVELLING_WORDS = (*STAFF_WORDS, "390", "391", "392", "571", "572", "573", "574")
-SINGLE_READING_METHODS = (1, 10)
-"""Methods BF and aBF; the others read backsight and foresight twice."""
-WORDS_OF_LEVELS = ("11", "32", "33", "39", "57", "83", *(str(i) for i in range(71, 80)))
-"""Word indices that a block of a level has."""
 
 
 @dataclass
@@ -281,25 +299,6 @@ BLOCKS = (
     ((), POINT_FIELDS),
 )
 """Fields of a block that has any of some words; the first that fits counts."""
-MAY_BE_MISSING = ("21", "22", "31", "32", *(str(i) for i in range(81, 87)))
-"""Words that may have dashes for a value; without a height of instrument or target there is no
-sight."""
-KNOWN_WORDS = tuple(
-    str(i)
-    for i in (
-        *range(11, 20),
-        21,
-        22,
-        25,
-        31,
-        32,
-        33,
-        *range(41, 60),
-        *range(70, 80),
-        *range(81, 89),
-    )
-)
-"""Word indices that a block may have."""
 
 
 def read_gsi(
@@ -319,7 +318,7 @@ def read_gsi(
     87 (height of the target); a distance of 0 was not measured. 32 (horizontal distance) counts
     without 31. Corrections of the distance (51, 58, 59) are in it already, 33 and the coordinates
     81-83 of a sighted point follow from the readings; the latter serve as approximate coordinates.
-    Zeros that fill a name from the left are not part of it. Face 2 is told by a zenith reading
+    Zeros that fill a name from the left are not part of it. Face 2 follows from a zenith reading
     beyond 200 gon; a direction without one counts as of face 1. Readings in two faces are reduced
     by `factorgraph_adj.reduce_faces`; a target that is read again begins another round, a set of
     directions of its own.
@@ -336,7 +335,7 @@ def read_gsi(
         path: the file.
         station: name of the only station of a file that names none.
         station_code: code of the blocks that begin a set-up.
-        fixed: names of points that are held at the coordinates of the file; none: a free network.
+        fixed: names of points that are held at the coordinates of the file; empty: a free network.
         accuracies: standard deviations, faces and refraction, see `factorgraph_adj.Accuracies`.
 
     Raises:

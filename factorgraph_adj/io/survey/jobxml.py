@@ -53,7 +53,7 @@ def read_jobxml(
 
     Args:
         path: the file.
-        fixed: names of points that are held at the coordinates of the file; none: a free network.
+        fixed: names of points that are held at the coordinates of the file; empty: a free network.
         accuracies: standard deviations, faces and refraction, see `factorgraph_adj.Accuracies`.
 
     Raises:

@@ -92,7 +92,7 @@ def read_landxml(
     Args:
         path: the file.
         order: order of coordinates: NE, north first, as the schema says; some programs write EN.
-        fixed: names of points that are held at the coordinates of the file; none: a free network.
+        fixed: names of points that are held at the coordinates of the file; empty: a free network.
         accuracies: standard deviations, faces and refraction, see `factorgraph_adj.Accuracies`.
 
     Raises:

@@ -89,7 +89,7 @@ def read_sdr33(
     """Read a field book of Sokkia, SDR33 or SDR2x.
 
     Read are stations (02), heights of targets (03), coordinates (08), observations (09 F1, F2, MD)
-    and the units of the header; the instrument (01) tells whether vertical readings begin at the
+    and the units of the header; the instrument (01) states whether vertical readings begin at the
     zenith. Coordinates of points are approximate ones, held where ``fixed`` names them; of several
     the first ones count. Prism constant and atmosphere are in the distances. Not needed and not
     read: atmosphere, scale, backsight, job, reduced and corrected observations (05, 06, 07, 10, 11,
@@ -98,7 +98,7 @@ def read_sdr33(
 
     Args:
         path: the file.
-        fixed: names of points that are held at the coordinates of the file; none: a free network.
+        fixed: names of points that are held at the coordinates of the file; empty: a free network.
         accuracies: standard deviations, faces and refraction, see `factorgraph_adj.Accuracies`.
 
     Raises:
@@ -126,7 +126,7 @@ class _Reader:
         """Read a record."""
         code, derivation = text[:2], text[2:4]
         if not text.strip() or re.fullmatch(r"\d{1,6}\s*", text):
-            return  # a check sum stands alone at the end
+            return  # a check sum is alone at the end
         if code == "DD":
             self.source.leave_out(line, ROWS_SWITCHED_OFF, text[:40].strip())
         elif code == "00":
