@@ -5,13 +5,14 @@ A shape is a frame whose place, axis and sizes are reported instead of its rotat
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from math import exp, isfinite, pi, sqrt
+from typing import Any
 
 import numpy as np
 
 from ..entities import Parameter
-from ..io.csv_tables import write_columns
 from ..models.sub_frame import split_frame
 from ..models.unknown_registry import UNKNOWNS
 from ..observations import observation_kind
@@ -22,20 +23,18 @@ from ..quality.derived_quantities import (
     place_of_frame,
 )
 from ..rotation import TURN_ABOUT_X, angles_by_rotation, omega_phi_kappa
+from ..types import Array
 from ..units import ANGLE, decimal, decimal_angle
 from .adjustment_report import Report
 from .layout import (
     decimals,
-    figure,
-    figures,
     paragraph,
     short,
     table,
     title,
     with_sigma,
-    without_empty_columns,
 )
-from .observation_rows import all_digits
+from .tables import NO_FIGURE, NUMBER, READ, Column, Table, Unit, as_text, unit_of
 
 FRAMES_LEGEND = (
     "X = O + Eᵀ e^ℓ R (q + c): rotation R of ω, φ, κ, offset c of x, y, z, scale e^ℓ; E: the "
@@ -226,113 +225,168 @@ def _scale(ln_scale: float, sigma_ppm: float) -> str:
 
 
 def shapes_section(report: Report) -> list[str]:
-    """Return the shapes: place, axis, tilt, azimuth and sizes with their σ, points, residuals."""
+    """Return planes, lines, circles and other shapes, as engineers state them."""
     if not report.shapes:
         return []
-    shown, note = report.cut(list(report.shapes), "shapes", "shapes.csv")
+    made, units = shapes_table(report), report.units
+    rows, note = report.cut(list(made.rows), "shapes", "shapes.csv")
+    small = f"{units.length}, {decimal_angle(units.angle)}; v, σ: "
+    heading = title(f"Shapes ({small}{units.sigma_length}, {units.sigma_angle})")
+    return [*heading, *as_text(replace(made, rows=rows)), *note, *paragraph(SHAPES_LEGEND)]
+
+
+def shapes_table(report: Report) -> Table[AdjustedShape]:
+    """Return the table of shapes; text has σ below each value."""
+    return Table("shapes", report.shapes, list(_shape_columns(report)))
+
+
+def _shape_columns(report: Report) -> Iterator[Column[AdjustedShape]]:
     units = report.units
-    angle = decimal_angle(units.angle)
-    header = ["shape", "points", "max v", "X", "Y", "Z", "axis", "tilt", "azimuth", "size", ""]
-    rows: list[list[str]] = []
-    for one in shown:
-        rows += _rows(report, one)
-    header, rows = without_empty_columns(header, rows)
-    small = f"{units.length}, {angle}; v, σ: {units.sigma_length}, {units.sigma_angle}"
-    return [*title(f"Shapes ({small})"), *table(header, rows), *note, *paragraph(SHAPES_LEGEND)]
+    metre, small = unit_of(units.length), unit_of(units.sigma_length)
+    angle, fine = unit_of(decimal_angle(units.angle)), unit_of(units.sigma_angle)
+    page, written = ("html", "csv"), {"suffix": True, "only": ("html", "csv")}
+    of_text = {"short_heading": True, "only": ("text",)}
+    largest = Column[AdjustedShape](title="max v", key="largest", value="largest", unit=small)
+
+    yield Column(title="shape", key="name", value="name")
+    yield Column(
+        title="kind",
+        value=lambda s: f"  {s.shape}, σ",
+        below="shape",
+        only=("text",),
+    )
+    yield Column(title="kind", key="shape", value="shape", translated=True, only=page)
+    yield Column(title="points", value="points")
+    yield replace(largest, **of_text)  # type: ignore[arg-type]
+    for i, a in enumerate("xyz"):
+        place = Column[AdjustedShape](
+            title=a.upper(),
+            key=a,
+            value=lambda s, i=i: float(s.place[i]),  # type: ignore[misc]
+            unit=metre,
+            digits=lambda s: decimals([float(_sigmas(s).max()) / metre.size], default=4, most=9),
+            exact=True,
+            short_heading=True,
+        )
+        yield place
+        yield from _sigma(
+            place,
+            small,
+            lambda s, i=i: float(_sigmas(s)[i]),  # type: ignore[misc]
+            lambda s: float(_sigmas(s).max()),
+        )
+    yield Column(title="unit", value=lambda s: units.length, only=("csv",))
+    yield Column(title="axis", value=_direction, only=READ)
+    for i, a in enumerate("xyz"):
+        yield Column(
+            title=f"axis_{a}",
+            value=lambda s, i=i: float(s.axis[i]),  # type: ignore[misc]
+            only=("csv",),
+        )
+    for name in ("tilt", "azimuth"):
+        turn = Column[AdjustedShape](
+            title=name,
+            value=name,
+            unit=angle,
+            digits=lambda s, n=name: decimals(  # type: ignore[misc]
+                [getattr(s, f"sigma_{n}") / angle.size], default=4, most=9
+            ),
+            shown=lambda s, n=name: None if _is_known(s, n) else "",  # type: ignore[misc]
+            suffix=True,
+            short_heading=True,
+        )
+        yield turn
+        yield from _sigma(
+            turn,
+            fine,
+            lambda s, n=name: getattr(s, f"sigma_{n}"),  # type: ignore[misc]
+            known=lambda s, n=name: _is_known(s, n),  # type: ignore[misc]
+        )
+    for i, heading in enumerate(("size", "size2")):
+        yield from _size_columns(report, i, heading)
+    yield Column(title="RMS v", key="rms", value="rms", unit=small, **written)  # type: ignore[arg-type]
+    yield replace(largest, **written)  # type: ignore[arg-type]
 
 
-def _rows(report: Report, one: AdjustedShape) -> list[list[str]]:
-    """Return two rows of the table: the values of a shape, and their σ."""
-    small = [float(np.sqrt(max(v, 0.0))) / report.small for v in np.diag(one.covariance)]
-    places = decimals([max(small) * report.small / report.metre], default=4, most=9)
-    at = [decimal(float(v) / report.metre, places) for v in one.place]
-    direction = "" if np.isnan(one.axis).any() else " ".join(decimal(v, 5) for v in one.axis)
-    turns = ((one.tilt, one.sigma_tilt), (one.azimuth, one.sigma_azimuth))
-    angles = [_angle(report, *turn) for turn in turns]
-    sizes = [_size(report, size) for size in one.sizes[:2]]
-    sizes += [("", "")] * (2 - len(sizes))
-    largest = short(one.largest / report.small) if isfinite(one.largest) else ""
-    return [
-        [one.name, str(one.points), largest, *at, direction, *(v for v, _ in (*angles, *sizes))],
-        [
-            f"  {one.shape}, σ",
-            *("", ""),
-            *(_sigma(s, max(small)) for s in small),
-            "",
-            *(s for _, s in (*angles, *sizes)),
-        ],
-    ]
+def _sigma(
+    column: Column[AdjustedShape],
+    unit: Unit,
+    value: Callable[[AdjustedShape], float],
+    largest: Callable[[AdjustedShape], float] = lambda s: 0.0,
+    known: Callable[[AdjustedShape], bool] = lambda s: True,
+) -> Iterator[Column[AdjustedShape]]:
+    """Return σ of a column; that along which symmetry leaves the shape open is none."""
+
+    def shown(s: AdjustedShape) -> str | None:
+        if not known(s):
+            return ""
+        if value(s) > ROUNDING_OF_PLACE * largest(s):
+            return None
+        return NO_FIGURE if largest(s) > 0 else "held"
+
+    yield Column(
+        title=f"σ {column.title}" if column.title.isupper() else "σ",
+        key=f"sigma_{column.name}",
+        value=value,
+        unit=unit,
+        shown=shown,
+        translated=True,
+        suffix=True,
+        below=column.title,
+    )
 
 
-def _sigma(value: float, largest: float = 0.0) -> str:
-    """Return a σ; that of a coordinate along which symmetry leaves the shape open is none."""
-    if value <= ROUNDING_OF_PLACE * largest:
-        return "–" if largest > 0 else "held"
-    return short(value)
+def _sigmas(s: AdjustedShape) -> Array:
+    """Return the standard deviations of the place, metres."""
+    return np.sqrt(np.maximum(np.diag(s.covariance), 0.0))
 
 
-def _angle(report: Report, value: float, sigma: float) -> tuple[str, str]:
-    """Return an angle and its σ; empty where it is none, or says nothing."""
-    if not isfinite(value) or sigma > MAX_SIGMA_AZIMUTH_RAD:
-        return "", ""
-    size = ANGLE[decimal_angle(report.units.angle)]
-    digits = decimals([sigma / size], default=4, most=9)
-    return decimal(value / size, digits), _sigma(sigma / report.radian)
+def _is_known(s: AdjustedShape, name: str) -> bool:
+    """Return whether a tilt or azimuth is one, and says something."""
+    return isfinite(getattr(s, name)) and getattr(s, f"sigma_{name}") <= MAX_SIGMA_AZIMUTH_RAD
 
 
-def _size(report: Report, size: AdjustedSize) -> tuple[str, str]:
-    """Return a size with its name and unit, and its σ."""
-    unit, length = _unit(report, size)
-    small = report.radian if _is_angle(size) else report.small
-    value = with_sigma(size.value / length, size.sigma / length)
-    return f"{size.attribute} {value} {unit}", _sigma(size.sigma / small)
+def _direction(s: AdjustedShape) -> str:
+    return "" if np.isnan(s.axis).any() else " ".join(decimal(float(v), 5) for v in s.axis)
 
 
-def _is_angle(size: AdjustedSize) -> bool:
-    return UNKNOWNS[size.kind].components[0].quantity == "angle"
+def _size_columns(report: Report, i: int, heading: str) -> Iterator[Column[AdjustedShape]]:
+    """Return the columns of the size with number i: its name, value, unit and σ."""
 
+    def of(figure: Callable[[AdjustedSize], Any]) -> Callable[[AdjustedShape], Any]:
+        return lambda s: figure(s.sizes[i]) if len(s.sizes) > i else None
 
-def _unit(report: Report, size: AdjustedSize) -> tuple[str, float]:
-    """Return the unit in which a size is shown, and its length."""
-    if _is_angle(size):
-        unit = decimal_angle(report.units.angle)
-        return unit, ANGLE[unit]
-    return report.units.length, report.metre
+    def units(size: AdjustedSize) -> tuple[Unit, Unit]:
+        if UNKNOWNS[size.kind].components[0].quantity == "angle":
+            return unit_of(decimal_angle(report.units.angle)), unit_of(report.units.sigma_angle)
+        return unit_of(report.units.length), unit_of(report.units.sigma_length)
 
+    def read(size: AdjustedSize) -> str:
+        unit = units(size)[0]
+        value = with_sigma(size.value / unit.size, size.sigma / unit.size)
+        return f"{size.attribute} {value} {unit.name}"
 
-def shapes_table(report: Report) -> str:
-    """Return shapes.csv, or nothing where there are no shapes."""
-    found, units = report.shapes, report.units
-    if not found:
-        return ""
-    angle, small, fine = decimal_angle(units.angle), units.sigma_length, units.sigma_angle
-    turn = ANGLE[angle]
-    sigmas = np.sqrt(np.maximum([np.diag(s.covariance) for s in found], 0.0)) / report.small
-    columns = {"name": [s.name for s in found], "shape": [s.shape for s in found]}
-    columns["points"] = [str(s.points) for s in found]
-    columns |= {a: [all_digits(float(s.place[i]), units.length) for s in found] for i, a in _XYZ}
-    columns["unit"] = [units.length] * len(found)
-    columns |= {f"sigma_{a}_{small}": figures(sigmas[:, i]) for i, a in _XYZ}
-    columns |= {f"axis_{a}": [figure(float(s.axis[i])) for s in found] for i, a in _XYZ}
-    columns[f"tilt_{angle}"] = [figure(s.tilt / turn) for s in found]
-    columns[f"sigma_tilt_{fine}"] = [figure(s.sigma_tilt / report.radian) for s in found]
-    columns[f"azimuth_{angle}"] = [figure(s.azimuth / turn) for s in found]
-    columns[f"sigma_azimuth_{fine}"] = [figure(s.sigma_azimuth / report.radian) for s in found]
-    for number in ("", "2"):
-        i = 1 if number else 0
-        sizes = [s.sizes[i] if len(s.sizes) > i else None for s in found]
-        columns[f"size{number}"] = ["" if s is None else s.attribute for s in sizes]
-        columns[f"value{number}"] = ["" if s is None else _exact(report, s) for s in sizes]
-        columns[f"unit_of_value{number}"] = [
-            "" if s is None else _unit(report, s)[0] for s in sizes
-        ]
-        columns[f"sigma_value{number}"] = [
-            "" if s is None else figure(s.sigma / _unit(report, s)[1]) for s in sizes
-        ]
-    columns[f"rms_{small}"] = [figure(s.rms / report.small) for s in found]
-    columns[f"largest_{small}"] = [figure(s.largest / report.small) for s in found]
-    return write_columns(columns)
+    def sigma(size: AdjustedSize) -> str:
+        fine = units(size)[1]
+        return f"{short(size.sigma / fine.size)} {fine.name}" if size.sigma > 0 else "held"
 
+    def whole(s: AdjustedShape) -> Unit:
+        return units(s.sizes[i])[0] if len(s.sizes) > i else NUMBER
 
-def _exact(report: Report, size: AdjustedSize) -> str:
-    return all_digits(size.value, _unit(report, size)[0])
+    yield Column(title=heading, value=of(read), only=READ)
+    yield Column(title="σ", value=of(sigma), below=heading, only=READ)
+    yield Column(title=heading, value=of(lambda size: size.attribute), only=("csv",))
+    value = Column[AdjustedShape](
+        title=heading.replace("size", "value"),
+        value=of(lambda size: size.value),
+        unit=whole,
+        exact=True,
+        only=("csv",),
+    )
+    yield value
+    yield Column(
+        title=f"unit_of_{value.title}", value=of(lambda size: units(size)[0].name), only=("csv",)
+    )
+    yield replace(
+        value, title=f"sigma_{value.title}", value=of(lambda size: size.sigma), exact=False
+    )

@@ -293,7 +293,7 @@ def write_tables(report: Report, folder: str | Path) -> None:
         "protocol.txt": render_text(report),
         "results.json": results_text(report),
         "observations.csv": observations_csv(report),
-        "shapes.csv": shapes_table(report) or None,
+        "shapes.csv": as_csv(shapes_table(report)) if report.shapes else None,
         "relative.csv": as_csv(lines_table(report)) if report.lines else None,
         "snooping.csv": snooping_csv(report) or None,
         "unknowns_left_out.csv": _left_out_table(report)

@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...graph.variables import camera_of_calibration
-from ...models.unknown_registry import UNKNOWNS
 from ...quality.point_precision import check_points as compare
-from ...units import ANGLE, decimal, decimal_angle
+from ...units import decimal
 from ..adjusted_coordinates import (
     lines_table,
 )
@@ -18,7 +17,8 @@ from ..adjusted_photos import photos_table
 from ..adjusted_points import AdjustedPoint, CheckedPoint, check_points_table, points_table
 from ..adjustment_report import Report
 from ..catalogue import Texts
-from ..layout import percent, short, with_sigma
+from ..frames_and_shapes import shapes_table
+from ..layout import percent
 from ..plots.point_symbols import point_status
 from ..reliability import point_redundancy
 from ..tables import NO_FIGURE, Column, FiguresByNumber, Sheet, as_html
@@ -29,7 +29,6 @@ from ..unknowns import (
     others_table,
     without_absent,
 )
-from .rendering import ColumnHead, columns_from_rows, filled_sheet
 
 NEW_POINT = "new"
 """What a point is that is nothing else."""
@@ -198,39 +197,4 @@ def other_unknowns_sheet(report: Report, t: Texts) -> Sheet | None:
 
 def shapes_sheet(report: Report, t: Texts) -> Sheet | None:
     """Return planes, lines, circles and other shapes as engineers state them."""
-    units, rows = report.units, []
-    angle = decimal_angle(units.angle)
-    for s in report.shapes:
-        sigma = np.sqrt(np.maximum(np.diag(s.covariance), 0.0)) / report.small
-        axis = "" if np.isnan(s.axis).any() else " ".join(decimal(float(v), 5) for v in s.axis)
-        sizes = []
-        for size in s.sizes:
-            turn = UNKNOWNS[size.kind].components[0].quantity == "angle"
-            unit, one = (angle, ANGLE[angle]) if turn else (units.length, report.metre)
-            sizes.append(f"{size.attribute} {with_sigma(size.value / one, size.sigma / one)}")
-            sizes[-1] += f" ± {short(size.sigma / one)} {unit}"
-        rows.append(
-            [
-                s.name,
-                t.kind(s.shape),
-                str(s.points),
-                *(decimal(float(v) / report.metre, 5) for v in s.place),
-                *(short(float(v)) for v in sigma),
-                axis,
-                "; ".join(sizes),
-                short(s.rms / report.small),
-                short(s.largest / report.small),
-            ]
-        )
-    heads: list[ColumnHead] = [
-        (t("col_shape"), False),
-        (t("col_kind"), False),
-        (t("col_points"), True),
-        *((f"{a} [{units.length}]", True) for a in "XYZ"),
-        *((f"σ{a} [{units.sigma_length}]", True) for a in "XYZ"),
-        (t("col_axis"), False),
-        (t("col_size"), False),
-        (f"RMS v [{units.sigma_length}]", True),
-        (f"max v [{units.sigma_length}]", True),
-    ]
-    return filled_sheet("shapes", t("shapes_caption"), columns_from_rows(heads, rows))
+    return as_html(shapes_table(report), t)
