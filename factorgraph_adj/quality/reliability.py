@@ -37,6 +37,7 @@ from ..solve.solution import Solution, datum_cross
 from ..statistical_tests import (
     ALPHA_OF_OBSERVATION,
     POWER_OF_TEST,
+    descending,
     normal_quantile,
     student_quantile,
 )
@@ -285,7 +286,7 @@ class Reliability(Shown):
             critical: limit that |w| must exceed.
         """
         size = np.where(self.controlled, np.abs(self.w), 0.0)
-        order = np.argsort(-size, kind="stable")[:most]
+        order = descending(size)[:most]
         rows = order[size[order] > (critical or 0.0)]
         if not len(rows):
             return ()
@@ -293,7 +294,7 @@ class Reliability(Shown):
         out = []
         for j, row in enumerate(rows.tolist()):
             close = np.flatnonzero(np.abs(rho[:, j]) >= inseparable)
-            close = close[np.argsort(-np.abs(rho[close, j]), kind="stable")]
+            close = close[descending(np.abs(rho[close, j]))]
             partners = tuple((int(i), float(rho[i, j])) for i in close if i != row)
             label = self.solution.equations.label(row)
             out.append(Suspect(row, label, float(self.w[row]), partners))

@@ -1,7 +1,7 @@
 """Choice of the observations that a snooping round rejects, by test values and correlations.
 
 The candidates are the observations whose test value exceeds the critical value, in descending
-order. A candidate is rejected if
+order; those with equal test values in the order of the network. A candidate is rejected if
 
 1. its test value is at least ``share`` of the largest test value that can be rejected;
 2. none of its test values is correlated by more than `MAX_TEST_CORRELATION` with a test value of an
@@ -34,6 +34,7 @@ from ..observations import KINDS
 from ..observations.base import is_condition
 from ..solve.low_rank_update import Update
 from ..solve.solution import Solution
+from ..statistical_tests import EQUAL_TEST_VALUES, descending
 from ..types import Array, Index, Mask
 from .group_tests import MIN_CONTROLLED_SHARE
 
@@ -77,6 +78,11 @@ class RowGroups:
     def rows(self, unit: int) -> Index:
         """Return the rows of one observation."""
         return np.arange(self.first[unit], self.first[unit] + self.size[unit])
+
+    def worst_row(self, unit: int, values: Array) -> int:
+        """Return the row of one observation with the largest of |values| (n,)."""
+        rows = self.rows(unit)
+        return int(rows[descending(np.nan_to_num(np.abs(values[rows])))[0]])
 
     def largest(self, values: Array) -> Array:
         """Return the largest of |values| (n,) of each observation, (m,); NaN counts as 0."""
@@ -167,8 +173,9 @@ def choose_outliers(
     margin = _margin(size[list(stuck)], critical)
     size[list(stuck)] = 0.0
     size[stated_conditions(rel.solution.equations, units)] = 0.0
-    order = np.argsort(-size, kind="stable")
-    order = order[(size[order] > critical) & (size[order] >= share * size[order[0]])]
+    order = descending(size)
+    least = share * (1.0 - EQUAL_TEST_VALUES) * size.max()
+    order = order[(size[order] > critical) & (size[order] >= least)]
     # Blocked observations were removed above: the share refers to the largest one that can go.
     candidates = order[np.cumsum(units.size[order]) <= max(most_rows, int(units.size.max()))]
     ordered = np.sort(size)
@@ -273,8 +280,7 @@ class _OutlierSearch:
     def consider(self, unit: int) -> None:
         """Remove a unit, alone or with its point, if the rest determines all other unknowns."""
         at = self._at(unit)
-        own = self.rows[at]
-        row = int(own[np.argmax(np.nan_to_num(np.abs(self.test[own])))])
+        row = self.units.worst_row(unit, self.test)
         candidate = Outlier(unit, row, float(self.test[row]), self.partners[self.place[row]])
         point = _tie_point(self.rel.solution.equations, row, self.only_images)
         if point is not None and point in self.lost_points:
@@ -347,7 +353,7 @@ def _correlations(
         for j, row in enumerate(part.tolist()):
             close = np.flatnonzero(np.abs(every[:, j]) >= INSEPARABLE_CORRELATION)
             close = close[units.number[close] != units.number[row]]
-            close = close[np.argsort(-np.abs(every[close, j]), kind="stable")]
+            close = close[descending(np.abs(every[close, j]))]
             partners.append(tuple((int(i), float(every[i, j])) for i in close))
     out = np.concatenate(rho, axis=1)
     out[~rel.controlled[rows]] = np.nan

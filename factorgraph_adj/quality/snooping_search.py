@@ -20,7 +20,7 @@ from ..graph.equations import compile_network
 from ..graph.observation_selection import without
 from ..network.network import Network
 from ..solve.solution import Solution
-from ..statistical_tests import chi2_quantile, fisher_quantile, normal_quantile
+from ..statistical_tests import chi2_quantile, descending, fisher_quantile, normal_quantile
 from ..types import Array
 from .causes.cause_search import Causes, causes, every_mistaken_identity
 from .causes.mistaken_identity import MistakenIdentity, merged_exchanges
@@ -465,15 +465,14 @@ class SnoopingSearch:
         """Return the observations above the critical value at the end, the largest first."""
         units = RowGroups.of(self.solution.equations)
         size = units.largest(self.present.values)
-        order = np.argsort(-size, kind="stable")
+        order = descending(size)
         above = order[size[order] > self.present.critical].tolist()
         last = self._choice(share=1.0) if above else Choice((), ())
         blocked = {c.unit for c in last.blocked}
         protected = stated_conditions(self.solution.equations, units)
         out = []
         for unit in above:
-            rows = units.rows(unit)
-            row = int(rows[np.argmax(np.nan_to_num(np.abs(self.present.values[rows])))])
+            row = units.worst_row(unit, self.present.values)
             record = self.solution.observations[row]
             reason = self.stuck.get(record.id)
             if protected[unit]:
