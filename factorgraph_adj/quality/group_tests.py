@@ -35,7 +35,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 
@@ -50,6 +50,19 @@ MIN_CONTROLLED_SHARE = 1e-6
 """Share of an error in the residuals above which an observation counts as controlled: a redundancy
 number, or an eigenvalue of M. Below this share the smallest detectable error is more than 4000 σ,
 and rounding errors dominate."""
+ROUNDED_SHARE = 10.0
+"""Share of an error in the residuals up to which rounding alone may make it, relative to the error
+of variances that probes of the factorisation have shown. Eight of them all show less than a tenth
+of it with a probability of 2·10⁻⁹."""
+
+
+def least_share(solution: Solution) -> float:
+    """Return the share of an error in the residuals above which an observation is controlled.
+
+    Normal equations of a weak network leave an observation that nothing controls, such as the only
+    height that is given, a share as large as the relative error of its variances.
+    """
+    return max(MIN_CONTROLLED_SHARE, ROUNDED_SHARE * solution.factor.uncertainty)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +92,12 @@ class FactorReliability(ChiSquareTest):
 
 
 def factor_reliability(
-    rows: ExtraRows, found: ClusterLeverage, alpha: float, delta0: float, sigma0: float
+    rows: ExtraRows,
+    found: ClusterLeverage,
+    alpha: float,
+    delta0: float,
+    sigma0: float,
+    least: float,
 ) -> FactorReliability:
     """Return the figures of a factor.
 
@@ -89,12 +107,13 @@ def factor_reliability(
         alpha: probability α0 of a false alarm.
         delta0: δ0 of a single test.
         sigma0: σ0 of the smallest detectable errors.
+        least: share of an error in the residuals above which a row is controlled.
     """
     m = np.eye(len(found.hat)) - found.hat
     r = np.diag(m).copy()
-    on = r > MIN_CONTROLLED_SHARE
+    on = r > least
     root = np.sqrt(np.where(on, r, np.nan))
-    t2, dof = t2_statistic(rows.residual, m)
+    t2, dof = t2_statistic(rows.residual, m, least)
     return FactorReliability(
         name=rows.name,
         residuals=rows.residual,
@@ -109,15 +128,16 @@ def factor_reliability(
     )
 
 
-def t2_statistic(v: Array, m: Array) -> tuple[float, int]:
+def t2_statistic(v: Array, m: Array, least: float) -> tuple[float, int]:
     """Return T² = vᵀ M⁺ v and rank(M); NaN where M vanishes.
 
     Args:
         v: residuals with their own covariance M, (k,), such as those of the rows of a factor.
         m: M, (k, k).
+        least: eigenvalue of M above which its direction is controlled.
     """
     values, vectors = np.linalg.eigh(0.5 * (m + m.T))
-    on = values > MIN_CONTROLLED_SHARE
+    on = values > least
     dof = int(on.sum())
     if not dof:
         return np.nan, 0
@@ -168,6 +188,7 @@ def group_reliability(
     members: Index,
     limits: tuple[float, float],
     scale: float,
+    least: float,
 ) -> GroupReliability:
     """Return the figures of a group of rows.
 
@@ -180,6 +201,7 @@ def group_reliability(
         members: places of the group's rows among the k, (d,).
         limits: α0 and power.
         scale: σ0 of the smallest detectable error.
+        least: share of an error in the residuals above which a direction is controlled.
     """
     unseen = np.eye(len(hat)) - hat
     share = np.linalg.solve(whitener, unseen @ whitener)
@@ -189,7 +211,7 @@ def group_reliability(
     root = np.linalg.cholesky(p)
     inverse = np.linalg.inv(root)
     values, vectors = np.linalg.eigh(inverse @ m @ inverse.T)
-    on = values > MIN_CONTROLLED_SHARE
+    on = values > least
     dof = int(on.sum())
     basis = inverse.T @ vectors  # errors that are orthonormal in P
     u = basis.T @ weighted_residual
@@ -248,6 +270,7 @@ def group_reliabilities(
     equations = solution.equations
     residual = solution.normal().system.residual
     pv = weighted_rows(equations, residual[:, None])[:, 0]
+    of = partial(group_reliability, limits=limits, scale=scale, least=least_share(solution))
     out = []
     for number, block in enumerate(equations.blocks):
         if block.whitener is None:
@@ -258,9 +281,7 @@ def group_reliabilities(
             if i not in clustered:
                 rows = block.first_row + i * block.dimension + every
                 w, hat = block.whitener[i], hats[0][number][i]
-                out.append(
-                    group_reliability((block.ids[i],), rows, w, hat, pv[rows], every, limits, scale)
-                )
+                out.append(of((block.ids[i],), rows, w, hat, pv[rows], every))
     ids = solution.observations.ids
     for c, hat in zip(equations.clusters, hats[1], strict=True):
         names = [ids[r] for r in c.rows]
@@ -268,16 +289,10 @@ def group_reliabilities(
         for name in single:
             members = np.array([i for i, n in enumerate(names) if n == name], dtype=np.intp)
             rows = c.rows[members]
-            out.append(
-                group_reliability((name,), rows, c.whitener, hat, pv[rows], members, limits, scale)
-            )
+            out.append(of((name,), rows, c.whitener, hat, pv[rows], members))
         if len(single) > 1:
             members = np.arange(len(c.rows))
-            out.append(
-                group_reliability(
-                    tuple(single), c.rows, c.whitener, hat, pv[c.rows], members, limits, scale
-                )
-            )
+            out.append(of(tuple(single), c.rows, c.whitener, hat, pv[c.rows], members))
     return tuple(out)
 
 

@@ -55,11 +55,11 @@ from .error_effects import (
     weighted_rows,
 )
 from .group_tests import (
-    MIN_CONTROLLED_SHARE,
     FactorReliability,
     GroupReliability,
     factor_reliability,
     group_reliabilities,
+    least_share,
 )
 
 ROUNDING_EFFECT_M = 1e-12
@@ -176,9 +176,9 @@ class Reliability(Shown):
     def factors(self) -> tuple[FactorReliability, ...]:
         """Tests of the factors that the user added, in their order."""
         sigma0 = float(np.sqrt(self.solution.variance_factor))
-        rows = self.solution.normal().system.extra
+        rows, least = self.solution.normal().system.extra, least_share(self.solution)
         return tuple(
-            factor_reliability(e, found, self.alpha, self.delta0, sigma0)
+            factor_reliability(e, found, self.alpha, self.delta0, sigma0, least)
             for e, found in zip(rows, self._leverages.extra, strict=True)
         )
 
@@ -363,7 +363,7 @@ def reliability(
     weight = weight_diagonal(equations)
     lost = weighted_diagonal(equations, blocks, clusters)
     precision = weight - lost
-    controlled = precision > MIN_CONTROLLED_SHARE * weight
+    controlled = precision > least_share(solution) * weight
     root = np.sqrt(np.where(controlled, precision, np.nan))
     delta0 = noncentrality(alpha, power)
     pv = weighted_rows(equations, system.residual[:, None])[:, 0]

@@ -35,7 +35,7 @@ from ..solve.solution import Solution
 from ..statistical_tests import chi2_quantile, fisher_quantile
 from ..types import Array, Index, Mask
 from .error_effects import residual_response, weight_diagonal, weighted_rows
-from .group_tests import MIN_CONTROLLED_SHARE, FactorReliability
+from .group_tests import FactorReliability, least_share
 from .rejections import RejectedFactor, Test, Unresolved
 from .reliability import Reliability, correlations_of_tests, critical_tau, reliability
 from .snooping_candidates import Choice, Outlier, RowGroups, choose_outliers
@@ -195,7 +195,7 @@ class UpdatedTests:
             spread = weighted_rows(equations, system.times(update.spread @ z[:, part])[:n])
             precision += np.square(spread) @ sigma[part]
         gone = np.append(self.gone, rows)
-        controlled = precision > MIN_CONTROLLED_SHARE * weight_diagonal(equations)
+        controlled = precision > least_share(solution) * weight_diagonal(equations)
         controlled[gone] = False
         try:
             moved = equations.residuals(equations.unknowns.retract(solution.state, update.step))

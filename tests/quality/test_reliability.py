@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import factorgraph_adj as fga
+from factorgraph_adj.simulation.measurement import measure
+from tests.benchmarks.eliminations import levelling
 from tests.networks.simulated import NETWORKS
 from tests.support.dense import DenseReliability
+from tests.support.elimination_rules import rule
 
 ROUNDING = 1e-8
 """What double precision leaves of a redundancy number in networks of this size."""
@@ -108,3 +113,48 @@ def test_correlations_of_test_values_are_those_of_the_dense_inverse(rel, dense) 
     m = dense.precision[np.ix_(rows, rows)]
     d = np.sqrt(np.diag(m))
     np.testing.assert_allclose(rel.correlation(rows), m / np.outer(d, d), rtol=0, atol=1e-6)
+
+
+def on_one_height(sigma: float, times: int) -> fga.Network:
+    """Return a levelling net of 1 mm whose height is observed a number of times, with a σ."""
+    network = levelling(36)
+    first = network.points["0"]
+    assert first.coordinates is not None
+    network.points["0"] = replace(first, fixed=(True, True, False))
+    for i in range(times):
+        at = (first.coordinates[2],)
+        network.add(fga.ControlPoint("0", at, axes="z", sigma=(sigma,), id=f"height {i}"))
+    return network
+
+
+@pytest.mark.parametrize("sigma", [1.0, 20.0, 50.0])
+def test_rounding_of_normal_equations_controls_nothing(sigma: float) -> None:
+    """The only height of a net: rounding gives it r of up to 1.4·10⁻⁵, and ∇ was 1000 σ."""
+    with rule(max_qr_variables=0):
+        alone, twice = (fga.reliability(fga.adjust(on_one_height(sigma, n))) for n in (1, 2))
+    row = alone.row("height 0")
+    assert not alone.controlled[row]
+    assert np.isnan(alone.w[row])
+    assert np.isinf(alone.mdb[row])
+    row = twice.row("height 0")
+    assert twice.redundancy_numbers[row] == pytest.approx(0.5, abs=1e-4)
+    assert twice.controlled[row]
+
+
+def test_rounding_of_normal_equations_controls_no_group() -> None:
+    """A net of vectors that hangs on one point with a covariance."""
+    rng = np.random.default_rng(1)
+    plan = fga.Network("vectors")
+    for i in range(14):
+        plan.add_point(f"{i}", tuple(rng.uniform(0.0, 500.0, 3).tolist()))
+    for i, step in ((i, step) for i in range(14) for step in (1, 2, 5)):
+        pair = f"{i}", f"{(i + step) % 14}"
+        plan.add(fga.GnssVector(*pair, (0.0, 0.0, 0.0), covariance=1e-6 * (np.eye(3) + 0.5)))
+    at = plan.points["0"].coordinates
+    assert at is not None
+    covariance = 900.0 * (1.4 * np.eye(3) - 0.4)
+    plan.add(fga.ControlPoint("0", at, covariance=covariance, id="given"))
+    with rule(max_qr_variables=0):
+        found = fga.reliability(fga.adjust(measure(plan, seed=1)))
+    (group,) = (g for g in found.groups if g.ids == ("given",))
+    assert group.dof == 0
