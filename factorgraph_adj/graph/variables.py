@@ -163,7 +163,9 @@ class Unknowns:
             self.tables[kind] = replace(table, offset=placed)
             first += int(columns.sum())
         self.n_columns = first
-        some = [t for t in self.tables.values() if (t.offset >= 0).any()]
+        self.placed = tuple(k for k, t in self.tables.items() if (t.offset >= 0).any())
+        """Kinds of which a variable has columns."""
+        some = (self.tables[kind] for kind in self.placed)
         self.free = np.concatenate([np.zeros(0, dtype=bool), *(t.free[t.has_column] for t in some)])
         self.n_unknowns = int(self.free.sum())
 
@@ -268,10 +270,9 @@ class Unknowns:
     def retract(self, state: State, step: Array) -> State:
         """Move a state by a step (n_columns,)."""
         moved = dict(state)
-        for kind, table in self.tables.items():
+        for kind in self.placed:
+            table = self.tables[kind]
             on = table.offset >= 0
-            if not on.any():
-                continue
             delta, retract = table.of_columns(step[table.columns]), UNKNOWNS[kind].retract
             if on.all():
                 moved[kind] = retract(state[kind], delta)
@@ -287,9 +288,8 @@ class Unknowns:
         a rotation matrix for the components of a rotation.
         """
         out = np.zeros(self.n_columns)
-        for kind, table in self.tables.items():
-            if not (table.offset >= 0).any():
-                continue
+        for kind in self.placed:
+            table = self.tables[kind]
             record, width = UNKNOWNS[kind], table.free.shape[1]
             values = state[kind][:, :width]
             if record.rotates:
@@ -373,10 +373,9 @@ class Unknowns:
     def owners(self, columns: Index) -> list[tuple[VariableKind, str]]:
         """Return kind and name of the variables to which columns belong, each once."""
         out = []
-        for kind, table in self.tables.items():
+        for kind in self.placed:
+            table = self.tables[kind]
             on = np.flatnonzero(table.offset >= 0)
-            if not len(on):
-                continue
             at = np.searchsorted(table.offset[on], columns, side="right") - 1
             number = on[np.maximum(at, 0)]
             inside = (at >= 0) & (columns < table.offset[number] + table.size[number])
@@ -385,7 +384,7 @@ class Unknowns:
 
     def active(self) -> Iterator[tuple[VariableKind, int]]:
         """Iterate over kind and number of the variables that own columns, in column order."""
-        for kind in self.tables:
+        for kind in self.placed:
             for number in np.flatnonzero(self.tables[kind].offset >= 0):
                 yield kind, int(number)
 

@@ -40,10 +40,15 @@ class EliminationPlan:
         """Make the index lists of a network."""
         nodes = Nodes(equations, layers)
         rays = PointRays(equations, nodes) if layers.reduced.any() else None
-        one = layers.by_qr and nodes.n <= MAX_LEAF_NODES
+        return cls.joining(equations, nodes, rays)
+
+    @classmethod
+    def joining(cls, equations: Equations, nodes: Nodes, rays: PointRays | None) -> EliminationPlan:
+        """Find the places of the observations; ``rays``: to the points of the first layer."""
+        one = nodes.layers.by_qr and nodes.n <= MAX_LEAF_NODES
         if one:
             nodes.leaves = NO_ROWS
-        return cls(layers, nodes, rays, None if one else NodeRows(equations, nodes))
+        return cls(nodes.layers, nodes, rays, None if one else NodeRows(equations, nodes))
 
     @cached_property
     def pair_codes(self) -> Index:

@@ -26,7 +26,6 @@ from .elimination_layers import RULE
 from .factorisation import EliminationPlan, Factorisation, PreparedElimination
 from .linearised_equations import LinearBlock, LinearisedEquations
 from .linearised_rays import LinearRays
-from .node_rows import NodeRows
 from .point_elimination import factorise_points
 from .point_rays import PointRays
 from .ray_leverages import first_layer_leverages, single_point_hats, spoke_leverages
@@ -308,7 +307,7 @@ def _points_alone(
     nodes = Nodes(system.equations, alone)
     rays = PointRays(system.equations, nodes) if sighted else None
     joined = rays if rays is not None and rays.spokes is not None else None
-    plan = EliminationPlan(alone, nodes, joined, NodeRows(system.equations, nodes))
+    plan = EliminationPlan.joining(system.equations, nodes, joined)
     return PreparedElimination.of(only, plan).factorised(extra)
 
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -111,8 +112,14 @@ class NodePairSums:
     """Whether the node of the first slot comes second, (m,)."""
     codes: Index
     """Pairs of nodes, n a + b each; a = b for a single node, (q,)."""
-    incidence: csr_array
-    """One for each observation in the row of its pair, (q, m)."""
+    pair: Index
+    """Place of the pair of each observation in ``codes``, (m,)."""
+
+    @cached_property
+    def incidence(self) -> csr_array:
+        """One for each observation in the row of its pair, (q, m)."""
+        m = len(self.rows)
+        return csr_array((np.ones(m), (self.pair, np.arange(m))), shape=(len(self.codes), m))
 
 
 @dataclass(frozen=True)
@@ -178,12 +185,10 @@ class NodeRows:
                     continue
                 a, b = one.node[rows], other.node[rows]
                 swapped = a > b
-                codes, row = np.unique(np.minimum(a, b) * n + np.maximum(a, b), return_inverse=True)
-                incidence = csr_array(
-                    (np.ones(len(rows)), (row, np.arange(len(rows)))),
-                    shape=(len(codes), len(rows)),
+                codes, pair = np.unique(
+                    np.minimum(a, b) * n + np.maximum(a, b), return_inverse=True
                 )
-                out.append(NodePairSums((s, t), rows, swapped, codes.astype(np.intp), incidence))
+                out.append(NodePairSums((s, t), rows, swapped, codes.astype(np.intp), pair))
         return out
 
     @property

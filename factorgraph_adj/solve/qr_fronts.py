@@ -98,12 +98,12 @@ def fronts_by_qr(
             piece[:, at[there]] = left
             pieces.append(piece)
         r, o = _triangle(pieces, len(columns)), len(mine)
-        if len(r) < o or not np.diag(r)[:o].all() or not np.isfinite(r).all():
+        if len(r) < o or not r.diagonal()[:o].all() or not np.isfinite(r).all():
             raise SingularError("a pivot vanished")
         root = np.eye(len(own), order="F")
-        root[np.ix_(mine, mine)] = r[:o, :o].T
+        root[mine[:, None], mine] = r[:o, :o].T
         across = np.zeros((len(later), len(own)), order="F")
-        across[np.ix_(rest, mine)] = r[:o, o:].T
+        across[rest[:, None], mine] = r[:o, o:].T
         made.append((root, across))
         waiting[id(front)] = (columns[o:], r[o:, o:])
     last, _ = made.pop()
@@ -126,14 +126,16 @@ def _by_front(
         front_of[(w * front.own[:, None] + np.arange(w)).ravel()] = number
     first = np.full(rows.n_rows, len(fronts), dtype=np.intp)
     np.minimum.at(first, rows.row, front_of[rows.place])
-    order = np.argsort(first[rows.row] * rows.n_rows + rows.row, kind="stable")
-    starts = np.searchsorted(first[rows.row][order], np.arange(len(fronts) + 1))
+    of = first[rows.row]
+    order = np.argsort(of * rows.n_rows + rows.row, kind="stable")
+    starts = np.searchsorted(of[order], np.arange(len(fronts) + 1))
     return starts.tolist(), rows.row[order], rows.place[order], value[order]
 
 
 def _dense(number: Index, column: Index, value: Array, n: int) -> Array:
     """Return rows (m, n) from the ascending numbers of their rows, and their columns."""
-    row = np.cumsum(np.diff(number, prepend=number[:1]) != 0)
+    row = np.zeros(len(number), dtype=np.intp)
+    np.cumsum(number[1:] != number[:-1], out=row[1:])
     m = int(row[-1]) + 1 if len(row) else 0
     return _summed(row * n + column, value, m * n).reshape(m, n)
 
@@ -162,4 +164,4 @@ def _reflected(a: Array) -> Array:
     work = QR_BLOCK_COLUMNS * a.shape[1]
     r, _, _, _ = lapack.dgeqrf(np.asfortranarray(a), lwork=work, overwrite_a=1)
     r = np.triu(r[:k])
-    return np.asarray(np.where(np.diag(r)[:, None] < 0.0, -r, r))
+    return np.asarray(np.where(r.diagonal()[:, None] < 0.0, -r, r))

@@ -218,7 +218,8 @@ class Nodes(NodePlaces):
         filled = np.full(self.n, 3, dtype=np.intp)
         placed = np.zeros(unknowns.n_columns + 1, dtype=bool)
         placed[np.concatenate(self._columns + self._border)] = True  # −1 is the last one
-        for kind, other in unknowns.tables.items():
+        for kind in unknowns.placed:
+            other = unknowns[kind]
             on = np.flatnonzero(other.offset >= 0)
             on = on[self.layers.in_fronts[other.offset[on]]]
             if kind == "calibration":  # photos have brought those that are used
