@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 
 from factorgraph_adj.graph.equations import Equations
-from factorgraph_adj.solve import elimination_layers, reduced_system
+from factorgraph_adj.solve import elimination_layers, leverages, reduced_system
 from factorgraph_adj.solve.linearised_equations import ExtraRows
 from factorgraph_adj.solve.normal_equations import Solver
 
@@ -17,7 +17,7 @@ from factorgraph_adj.solve.normal_equations import Solver
 def set_rule(patch: pytest.MonkeyPatch, **sizes: int) -> None:
     """Let the rule have other sizes."""
     rule = replace(elimination_layers.RULE, **sizes)
-    for module in (elimination_layers, reduced_system):
+    for module in (elimination_layers, leverages, reduced_system):
         patch.setattr(module, "RULE", rule)
 
 
