@@ -1,4 +1,4 @@
-"""Lens models of tangents and their base: pinhole, Brown, normalised, balanced, affine, harmonic.
+"""Lens models by tangents: residuals of image points, with measured or ideal places corrected.
 
 A ray has tangents (t_x, t_y) = (−q1/q3, −q2/q3) in photogrammetric camera axes (eq. 1).
 Every model gives the residual v = computed − observed of image coordinates (x, y), x right,

@@ -1,4 +1,4 @@
-"""Orientation of a block from image points alone: `orient`, and the assembly of its parts.
+"""Block orientation without start values: `orient`, and parts brought into the network's frame.
 
 Every part starts from a pair of photos and grows by resection and intersection; known coordinates,
 attitudes and lengths bring it into the frame of the network. Nothing is taken out of the network:

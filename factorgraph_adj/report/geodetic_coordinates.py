@@ -1,4 +1,4 @@
-"""Geodetic and grid coordinates of points and photos with σ: text sections and CSV columns.
+"""Report of latitude, longitude, height of points; of grid places of points and photos, with σ.
 
 Both are sections of the text report and columns of points.csv and photos.csv.
 """

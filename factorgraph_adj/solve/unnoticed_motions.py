@@ -1,4 +1,4 @@
-"""Motions that rows leave open, or notice without determining them; motions of shared unknowns.
+"""Motions of a whole network that rows leave undetermined; how unknowns of many stations follow.
 
 Some rows change with a motion of the whole network and nevertheless determine nothing of it:
 

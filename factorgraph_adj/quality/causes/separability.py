@@ -1,4 +1,4 @@
-"""Separability: which of two errors, or causes, or whole observations may have happened.
+"""Separability: errors of readings, and causes shared by readings, that explain a misfit alike.
 
 An error that is tested by T² = uᵀS⁻¹u leaves vᵀPv smaller by T². Of two errors with one component
 each, the test values w₁, w₂ have a correlation ρ, and if the first is the true one, T₁² exceeds T₂²
