@@ -30,7 +30,7 @@ from tests.support.orders import AT_REST, LONGEST, Way, arrive, errors, limited,
 MM = 1e-3
 SMALL_PART = "a part of a free network that could be one alone is in only where it came first"
 NETWORKS: dict[int, str | None] = {
-    **dict.fromkeys((0, 3, 10, 15, 18, 19, 9003)),
+    **dict.fromkeys((0, 3, 10, 15, 19, 9003)),
     12: SMALL_PART,
 }
 """Seeds of networks, and what is wrong with some of them; 12 and 19 are free ones."""

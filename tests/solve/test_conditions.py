@@ -18,6 +18,7 @@ from factorgraph_adj.simulation.measurement import measure
 from factorgraph_adj.solve.inner_constraints import moved_by_similarity
 from tests.networks import on_shapes
 from tests.networks.on_shapes import MM, ON, places, posed
+from tests.support.studies import cases
 
 PERCENT = 0.01
 
@@ -152,21 +153,27 @@ def test_relations_and_edges_arrive():
 # -- reports --------------------------------------------------------------------------------------
 
 
+WITH_SHAPES = {**{s: partial(on_shapes.plan, s) for s in SHAPES}, "edges": on_shapes.edges}
+WITH_SHAPES["room"] = on_shapes.room
+
+
 @pytest.mark.slow(
     "every network of the kind is compared with dense algebra or another adjustment; "
     "short tests take single ones"
 )
-@pytest.mark.parametrize(
-    "make", [*(partial(on_shapes.plan, s) for s in SHAPES), on_shapes.room, on_shapes.edges]
-)
-def test_protocols_and_plots_take_shapes_and_relations(make, tmp_path):
-    network = make()
-    solution = fga.adjust(network)
-    text = fga.protocol(solution)
+@pytest.mark.parametrize("name", WITH_SHAPES)
+def test_protocols_take_shapes_and_relations(name):
+    network = WITH_SHAPES[name]()
+    text = fga.protocol(fga.adjust(network))
     assert "Shapes" in text
     for kind in {x.kind for x in network.observations.values()}:
         assert kind.replace("_", " ") in text or kind in text
-    assert save_plots(solution, tmp_path)
+
+
+@pytest.mark.slow("pictures of networks with shapes; short tests draw networks of points")
+@pytest.mark.parametrize("name", cases(WITH_SHAPES, ["room", "edges", "torus"]))
+def test_plots_take_shapes_and_relations(name, tmp_path):
+    assert save_plots(fga.adjust(WITH_SHAPES[name]()), tmp_path)
 
 
 # -- relations ------------------------------------------------------------------------------------
