@@ -1,7 +1,7 @@
 """Control characters: refused in names, and shown as escapes wherever other text is printed.
 
 A name may come from anybody's file. Characters that steer a terminal, that break lines or that
-turn the direction of writing make a protocol or a table say what is not in it.
+turn the direction of writing make a report or a table say what is not in it.
 """
 
 from __future__ import annotations

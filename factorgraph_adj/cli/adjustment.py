@@ -26,7 +26,7 @@ from ..report.catalogue import Language
 from ..report.doubtful_results import notes_of_network, notes_of_solution, unknowns_left_out
 from ..report.misfit_causes import all_doubts, most_probable_cause
 from ..report.options import Provenance, ReportOptions
-from ..report.result_files import RESULT_FILES, parts_protocol, write_parts, write_tables
+from ..report.result_files import RESULT_FILES, parts_report, write_parts, write_tables
 from ..report.summary import (
     doubts_of_parts,
     parts_summary,
@@ -93,7 +93,7 @@ def is_in_parts(options: argparse.Namespace) -> bool:
 
 
 def adjust_in_parts(options: argparse.Namespace) -> int:
-    """Adjust a network in parts, print its protocol, and return the exit code.
+    """Adjust a network in parts, print its report, and return the exit code.
 
     Raises:
         InputError: options contradict each other, or a part has problems.
@@ -118,7 +118,7 @@ def adjust_in_parts(options: argparse.Namespace) -> int:
     if options.out is not None:
         write_parts(solution, options.out, run)
     if options.full:
-        text = parts_protocol(solution, run)
+        text = parts_report(solution, run)
     else:
         text = parts_verdict_line(solution) if options.quiet else parts_summary(solution)
     print(text, end="", flush=True)
@@ -172,7 +172,7 @@ def add_adjust(run: argparse.ArgumentParser) -> None:
     """Add the arguments of ``adjust``."""
     run.add_argument("project", metavar="PROJECT", nargs="+", help=PROJECT_HELP)
     add_reading(run)
-    run.add_argument("--out", metavar="DIR", help="write protocol, results.json and CSV tables")
+    run.add_argument("--out", metavar="DIR", help="write report, results.json and CSV tables")
     add_exports(run)
     run.add_argument(
         "--report",
@@ -188,12 +188,12 @@ def add_adjust(run: argparse.ArgumentParser) -> None:
         "--rows",
         type=positive_count,
         metavar="N",
-        help=f"rows of a list in the protocol ({ReportOptions.most}, and "
+        help=f"rows of a list in the report ({ReportOptions.most}, and "
         f"{ReportOptions.n_suspects} suspects)",
     )
     printed = run.add_mutually_exclusive_group()
     printed.add_argument(
-        "--full", action="store_true", help="print the whole protocol, not one screen of it"
+        "--full", action="store_true", help="print the whole report, not one screen of it"
     )
     printed.add_argument("--quiet", action="store_true", help="print one line: the verdict and σ̂0")
     run.add_argument(
@@ -215,7 +215,7 @@ def add_adjust(run: argparse.ArgumentParser) -> None:
         help="the same between two points or photos; may be repeated",
     )
     run.add_argument(
-        "--date", metavar="TEXT", help="in the protocol instead of the present time; none: no date"
+        "--date", metavar="TEXT", help="in the report instead of the present time; none: no date"
     )
     add_adjustment(run)
     add_parts(run)

@@ -92,7 +92,7 @@ class UnknownKind:
     components: tuple[Component, ...] = ()
     """Components of the tangent; empty for calibrations, whose lens models name the components."""
     short: str = ""
-    """Short noun for the tables of the protocol; if empty, ``noun``."""
+    """Short noun for the tables of the report; if empty, ``noun``."""
     rotates: bool = False
     """Whether the first three components are a rotation."""
     variable_size: bool = False
@@ -148,7 +148,7 @@ class UnknownKind:
 
     @property
     def title(self) -> str:
-        """Noun in the tables of the protocol."""
+        """Noun in the tables of the report."""
         return self.short or self.noun
 
     @property

@@ -1,1 +1,1 @@
-"""Reports of an adjustment and of two epochs: protocols, tables, pages and figures."""
+"""Reports of an adjustment and of two epochs: texts, tables, pages and figures."""

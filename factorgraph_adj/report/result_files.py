@@ -46,14 +46,14 @@ MAX_REPEATED_LISTED = 20
 MEGABYTE = 1e6
 """Bytes of a megabyte."""
 RESULT_FILES = (
-    *("protocol.txt", "results.json", "observations.csv", "points.csv", "unknowns.csv"),
+    *("report.txt", "results.json", "observations.csv", "points.csv", "unknowns.csv"),
     *("photos.csv", "shapes.csv", "relative.csv", "snooping.csv", "unknowns_left_out.csv"),
     *("variance_components.csv", "given_values.csv"),
 )
 """Files of a solution; those that it has no content for are removed."""
 
 
-def parts_protocol(solution: PartsSolution, run: Run | None = None) -> str:
+def parts_report(solution: PartsSolution, run: Run | None = None) -> str:
     """Return the text report of an adjustment in parts: the whole, its parts, the largest tests."""
     sections = (
         _whole_network(solution, run or Run()),
@@ -67,7 +67,7 @@ def parts_protocol(solution: PartsSolution, run: Run | None = None) -> str:
 
 
 def write_parts(solution: PartsSolution, folder: str | Path, run: Run | None = None) -> None:
-    """Write protocol.txt, points.csv, unknowns.csv and observations.csv; an error writes none.
+    """Write report.txt, points.csv, unknowns.csv and observations.csv; an error writes none.
 
     Args:
         solution: the result of `adjust_parts`.
@@ -88,7 +88,7 @@ def write_parts(solution: PartsSolution, folder: str | Path, run: Run | None = N
     write_files(
         folder,
         {
-            "protocol.txt": parts_protocol(solution, run),
+            "report.txt": parts_report(solution, run),
             "points.csv": write_columns(points),
             "unknowns.csv": write_columns(unknowns) if unknowns["name"] else None,
             "observations.csv": write_columns(observations),
@@ -264,7 +264,7 @@ def write_solution(
     options: ReportOptions | None = None,
     provenance: Provenance | None = None,
 ) -> None:
-    """Write protocol.txt, results.json and the CSV tables into a folder; an error writes none.
+    """Write report.txt, results.json and the CSV tables into a folder; an error writes none.
 
     The tables have a header line with units in the names of the columns, such as ``sigma_x_mm``:
     coordinates in metres or the unit of the project, angles in its unit of angles. Numbers are
@@ -276,8 +276,8 @@ def write_solution(
     Args:
         solution: the result of `adjust`.
         folder: the folder; it is created if missing, and files of an earlier solution are replaced.
-        options: as for `protocol`; the folder of the tables is set to ``folder``.
-        provenance: as for `protocol`.
+        options: as for `text_report`; the folder of the tables is set to ``folder``.
+        provenance: as for `text_report`.
 
     Raises:
         InputError: the folder cannot be written to; no file has changed.
@@ -290,7 +290,7 @@ def write_tables(report: Report, folder: str | Path) -> None:
     """Write the files of a report, see `write_solution`."""
     files: dict[str, str | None] = dict.fromkeys(RESULT_FILES)
     files |= {
-        "protocol.txt": render_text(report),
+        "report.txt": render_text(report),
         "results.json": results_text(report),
         "observations.csv": observations_csv(report),
         "shapes.csv": as_csv(shapes_table(report)) if report.shapes else None,

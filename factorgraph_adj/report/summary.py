@@ -48,7 +48,7 @@ MAX_IDS = 8
 WORDS = Texts("en")
 """Words of the verdict."""
 REST = (
-    "all of it: --full, in Python fga.protocol(solution); tables: --out DIR; "
+    "all of it: --full, in Python fga.text_report(solution); tables: --out DIR; "
     "page: --report FILE.html"
 )
 """Where the rest of the result is."""

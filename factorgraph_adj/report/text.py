@@ -53,7 +53,7 @@ NO_REDUNDANCY = "no redundancy: no observation checks another"
 COMPASS_WORDS = {"e": "east", "w": "west", "n": "north", "s": "south"}
 
 
-def protocol(
+def text_report(
     solution: Solution | Snooping | Congruence,
     options: ReportOptions | None = None,
     provenance: Provenance | None = None,

@@ -274,7 +274,7 @@ class Solution(Shown):
         import_module("factorgraph_adj.io.solution_file").save_solution(self, path)
 
     def summary(self) -> str:
-        """Return the result on one screen; `factorgraph_adj.protocol` returns all of it."""
+        """Return the result on one screen; `factorgraph_adj.text_report` returns all of it."""
         # Reports are above this module.
         found: str = import_module("factorgraph_adj.report.summary").summary(self)
         return found

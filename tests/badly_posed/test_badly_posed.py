@@ -118,7 +118,7 @@ def test_a_point_in_the_plane_of_its_stations_goes_to_its_place_and_tells_of_the
         f"point 'P' fits equally well at 40.0000, 55.0000, {other:.4f}" in solution.second_places[0]
     )
     assert len(beside.second_places) == 1
-    assert "DOUBTFUL RESULT: point 'P' fits equally well" in fga.protocol(solution)[:300]
+    assert "DOUBTFUL RESULT: point 'P' fits equally well" in fga.text_report(solution)[:300]
     assert "fits equally well" in repr(solution)
 
 

@@ -42,11 +42,11 @@ def block(tmp_path_factory) -> Path:
     "the command runs in a process of its own with signals, pipes or terminals; short "
     "tests call it in this process"
 )
-def test_a_good_project_ends_with_0_protocol_and_files(block, tmp_path):
+def test_a_good_project_ends_with_0_report_and_files(block, tmp_path):
     result = run("adjust", block, "--full", "--out", tmp_path / "out")
     assert (result.returncode, result.stderr) == (0, "")
     assert set(contents(tmp_path / "out")) == FILES
-    assert result.stdout == (tmp_path / "out" / "protocol.txt").read_text(encoding="utf-8")
+    assert result.stdout == (tmp_path / "out" / "report.txt").read_text(encoding="utf-8")
     assert "global test           accepted" in result.stdout
     assert json.loads((tmp_path / "out" / "results.json").read_bytes())["converged"] is True
 
@@ -62,12 +62,12 @@ def test_without_out_nothing_is_written(block, tmp_path, monkeypatch, here):
     }
 
 
-def test_a_failed_global_test_ends_with_1_and_a_full_protocol(tmp_path, here):
+def test_a_failed_global_test_ends_with_1_and_a_full_report(tmp_path, here):
     result = here("adjust", write(tmp_path), "--out", tmp_path / "out")
     assert result.returncode == 1
     assert "REJECTED" in result.stdout
     assert result.stderr.startswith("global test failed: σ̂0 = ")
-    assert "protocol.txt" in contents(tmp_path / "out")
+    assert "report.txt" in contents(tmp_path / "out")
 
 
 def test_an_adjustment_that_does_not_converge_ends_with_1(block, here):

@@ -19,7 +19,7 @@ from tests.support.command import FILES, Terminal, contents
 from tests.support.places import data_dir
 
 LONG = pytest.mark.slow(
-    "options that reach data snooping and its protocol; short tests print the tables"
+    "options that reach data snooping and its report; short tests print the tables"
 )
 
 TWO_ASIDE = "2 observations rejected\n"
@@ -99,7 +99,7 @@ def test_a_robust_start_implies_snooping(wrong, estimator, here):
 
 
 @LONG
-def test_alpha_test_and_power_reach_snooping_and_protocol(wrong, here):
+def test_alpha_test_and_power_reach_snooping_and_report(wrong, here):
     result = here("adjust", wrong, "--full", "--snoop", "--alpha", 0.0001, "--power", 0.9)
     assert "critical |w| 3.89" in result.stdout
     assert "Reliability (α0 = 0.01 %, power 90 %: δ0 = 5.17)" in result.stdout
@@ -185,7 +185,7 @@ def test_variance_components_that_do_not_come_to_rest_end_with_1(block, monkeypa
     assert "variance components not converged: stopped after 1 adjustments" in result.stderr
 
 
-def test_ellipses_stand_in_protocol_and_tables(block, tmp_path, here):
+def test_ellipses_stand_in_report_and_tables(block, tmp_path, here):
     result = here("adjust", block, "--full", "--ellipses", 0.95, "--out", tmp_path)
     assert "95 % error ellipses" in result.stdout
     assert "Projection centres: 95 % error ellipsoids" in result.stdout

@@ -26,7 +26,7 @@ def test_a_report_is_written_with_the_options_of_the_run(tmp_path, capsys):
 def test_a_report_and_the_tables_may_stand_together(tmp_path):
     options = ["--quiet", "--snoop", "--out", str(tmp_path), "--report", str(tmp_path / "r.html")]
     assert main(["adjust", BLOCK, *options]) == 0
-    assert {"r.html", "protocol.txt", "points.csv"} <= {p.name for p in tmp_path.iterdir()}
+    assert {"r.html", "report.txt", "points.csv"} <= {p.name for p in tmp_path.iterdir()}
     text = (tmp_path / "r.html").read_text(encoding="utf-8")
     assert "Nothing had to be rejected." in text
 

@@ -80,7 +80,7 @@ def test_a_project_in_the_grid_is_that_of_python(tmp_path: Path) -> None:
 
 def test_a_project_in_the_grid_adjusts_and_reports_its_grid_coordinates(tmp_path: Path) -> None:
     solution = fga.adjust(fga.read_project(project(tmp_path)))
-    text = fga.protocol(solution)
+    text = fga.text_report(solution)
     assert "system         ETRS89 / UTM zone 32N; heights: geoid" in text
     assert "Grid coordinates" in text
     write_solution(solution, tmp_path / "out")
@@ -210,12 +210,12 @@ def test_solutions_and_systems_are_pickled_without_what_proj_made_of_them(tmp_pa
 
 
 @LONG
-def test_a_protocol_says_why_it_has_no_grid_coordinates(tmp_path: Path) -> None:
+def test_a_report_says_why_it_has_no_grid_coordinates(tmp_path: Path) -> None:
     solution = fga.adjust(fga.read_project(project(tmp_path)))
     (tmp_path / "geoid.gtx").unlink()
     lost = replace(solution, network=solution.network.copy())
     lost.network.crs = fga.ReferenceSystem("EPSG:25832", geoid=str(tmp_path / "geoid.gtx"))
-    text = fga.protocol(lost)
+    text = fga.text_report(lost)
     assert "none: " in text
     assert "no such file of a geoid" in " ".join(text.split())
     write_solution(lost, tmp_path / "out")
@@ -233,14 +233,14 @@ def test_a_network_without_a_system_has_no_grid() -> None:
     for function in (fga.grid_coordinates, fga.grid_photos, fga.wgs84_coordinates):
         with pytest.raises(InputError, match="has no reference system: state one"):
             function(solution)
-    assert "Grid coordinates" not in fga.protocol(solution)
+    assert "Grid coordinates" not in fga.text_report(solution)
 
 
 @LONG
 def test_units_of_reports_hold_for_grid_coordinates(tmp_path: Path) -> None:
     solution = fga.adjust(fga.read_project(project(tmp_path)))
     units = Units(length="mm", angle="dms", sigma_length="um")
-    text = fga.protocol(solution, options=fga.ReportOptions(units=units))
+    text = fga.text_report(solution, options=fga.ReportOptions(units=units))
     line = row(text, "Grid coordinates", "C")
     easting = fga.grid_coordinates(solution).point("C")[0]
     assert float(line[1]) == pytest.approx(1e3 * easting, abs=0.01)

@@ -1,6 +1,6 @@
-"""The lock of Uelzen, two epochs in one free adjustment, against the protocol of HANNA.
+"""The lock of Uelzen, two epochs in one free adjustment, against the report of HANNA.
 
-The protocol prints the observations with digits of 0.01 mgon and 0.1 mm: an observation may differ
+The report prints the observations with digits of 0.01 mgon and 0.1 mm: an observation may differ
 from the printed one by half a digit. What that does to residuals follows from v = −R l.
 """
 
@@ -26,7 +26,7 @@ DIRECTIONS = 94
 
 @dataclass(frozen=True, eq=False)
 class Lock:
-    """The protocol, our adjustment, and what half a digit does."""
+    """The report, our adjustment, and what half a digit does."""
 
     found: Hanna
     solution: fga.Solution

@@ -218,7 +218,7 @@ def test_poses_calibrations_and_orientations_take_part() -> None:
     assert found.vtpv == pytest.approx(batch.vtpv, rel=1e-9)
     off = np.abs(found.pose(photo).position - batch.pose(photo).position)
     assert np.all(off < MICRO * batch.pose(photo).sigmas[3:])
-    assert " factor  " in fga.protocol(found)
+    assert " factor  " in fga.text_report(found)
     assert not any("factor" in str(f) for f in fga.preliminary(inc.network()))
     again = pickle.loads(pickle.dumps(found))
     np.testing.assert_array_equal(again.point("P36"), found.point("P36"))

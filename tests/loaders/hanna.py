@@ -1,4 +1,4 @@
-"""The protocol of HANNA of a network at the lock Uelzen: two epochs in one free adjustment.
+"""The report of HANNA of a network at the lock Uelzen: two epochs in one free adjustment.
 
 Directions, horizontal distances reduced to the datum surface, approximate coordinates, and what the
 program printed of every observation and of the cofactors. Standard deviations are printed with one
@@ -27,13 +27,13 @@ PARTS = {
     5: (2.8, 1.0),
     6: (6.5, 1.0),
 }
-"""a and b of the groups of distances, mm and mm/km. The protocol states those of group 5; those of
+"""a and b of the groups of distances, mm and mm/km. The report states those of group 5; those of
 the others follow from its redundancy numbers and the standard deviations of its groups."""
 
 
 @dataclass(frozen=True)
 class Printed:
-    """What the protocol prints of one observation."""
+    """What the report prints of one observation."""
 
     station: str
     target: str
@@ -51,7 +51,7 @@ class Printed:
 
 @dataclass(frozen=True)
 class Component:
-    """What the protocol prints of one variance component."""
+    """What the report prints of one variance component."""
 
     group: tuple[int, int]
     """Sort and number of the group."""
@@ -71,7 +71,7 @@ class Component:
 
 @dataclass(frozen=True)
 class Hanna:
-    """The network and its protocol."""
+    """The network and its report."""
 
     network: fga.Network
     printed: tuple[Printed, ...]
@@ -86,7 +86,7 @@ class Hanna:
 
 
 def read_hanna(path: Path) -> Hanna:
-    """Read the protocol."""
+    """Read the report."""
     lines = path.read_text(encoding="latin-1").splitlines()
     network = fga.Network("lock Uelzen", datum="free")
     for name, y, x in _approximate(lines):

@@ -102,7 +102,7 @@ def test_adjust_begins_from_images_by_itself_and_says_so():
     assert "scale from 1 known length" in said
     assert np.linalg.norm(solution.point("P3") - solution.point("P40")) == pytest.approx(length)
     assert shape_error(block, solution) < 3e-3
-    text = " ".join(fga.protocol(solution).split())
+    text = " ".join(fga.text_report(solution).split())
     assert "Start from image points: 16 photos from the pair" in text
 
 

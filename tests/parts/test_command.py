@@ -30,7 +30,7 @@ def test_projects_are_parts_of_one_network(tmp_path, capsys):
     whole = fga.adjust(network)
     printed = capsys.readouterr().out
     assert f"redundancy n − u      {whole.redundancy};" in printed
-    assert printed == (out / "protocol.txt").read_text(encoding="utf-8")
+    assert printed == (out / "report.txt").read_text(encoding="utf-8")
     with (out / "points.csv").open(encoding="utf-8") as stream:
         assert len(list(csv.reader(stream))) == 1 + len(network.points)
     with (out / "observations.csv").open(encoding="utf-8") as stream:

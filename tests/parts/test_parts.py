@@ -16,7 +16,7 @@ from factorgraph_adj.observations import FrameCoordinate, HeightDifference, Slop
 from factorgraph_adj.parts import loaded_part
 from factorgraph_adj.parts.part_files import RunFolder
 from factorgraph_adj.parts.whole_network import Regions, cut_network
-from factorgraph_adj.report.result_files import parts_protocol
+from factorgraph_adj.report.result_files import parts_report
 from factorgraph_adj.rotation import log_rotation
 from factorgraph_adj.stochastic_model import StandardDeviation
 from factorgraph_adj.types import Array
@@ -259,7 +259,7 @@ def test_an_observation_that_two_parts_have_is_reported():
         ("south", "height_difference B C (id south BC)"),
         ("north", "height_difference B C (id again)"),
     )
-    text = parts_protocol(found)
+    text = parts_report(found)
     assert "Observations that several parts have" in text
     assert "  north  height_difference B C (id again)" in text
 

@@ -7,7 +7,7 @@ import factorgraph_adj as fga
 from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.parts.whole_network import adjust_cut
 from factorgraph_adj.report.doubtful_results import doubts_of_solution
-from factorgraph_adj.report.result_files import parts_protocol
+from factorgraph_adj.report.result_files import parts_report
 from tests.networks.well_determined import seen_once, well_determined
 
 
@@ -46,7 +46,7 @@ def test_a_point_with_a_mirror_place_is_told_as_in_the_whole_network():
     assert parts.second_places == whole.second_places != ()
     assert "point 'M' fits equally well at" in parts.second_places[0]
     assert doubts_of_solution(parts) == list(whole.second_places)
-    assert "point 'M' fits equally well" in parts_protocol(parts)
+    assert "point 'M' fits equally well" in parts_report(parts)
 
 
 def test_a_third_distance_leaves_nothing_to_tell():

@@ -12,7 +12,7 @@ import factorgraph_adj as fga
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import GnssPosition, HeightDifference
 from factorgraph_adj.quality.point_precision import check_points
-from factorgraph_adj.report.text import protocol
+from factorgraph_adj.report.text import text_report
 from tests.networks.dbat import read_sxb
 from tests.networks.small_block import CHECKED, small_block
 from tests.networks.total_station import POINTS, total_station
@@ -92,10 +92,10 @@ def test_differences_of_simulated_blocks_scatter_as_their_standard_deviations_sa
     assert spread < 1.5
 
 
-def test_the_protocol_prints_these_figures():
+def test_the_report_prints_these_figures():
     solution = fga.adjust(small_block())
     found = check_points(solution)
-    text = protocol(solution)
+    text = text_report(solution)
     section = text[text.index("Check points") :].split("\n\n")[0]
     for label, values in (("RMS ", found.rms), ("RMS σ", found.rms_sigma)):
         line = next(row for row in section.splitlines() if row.strip().startswith(label))

@@ -64,9 +64,9 @@ def test_a_station_on_a_point_has_the_place_and_sigma_of_the_point() -> None:
     np.testing.assert_allclose(found.sigmas, s.standard_deviations("T"), rtol=1e-6)
 
 
-def test_protocol_and_table_state_the_places(tmp_path: Path) -> None:
+def test_report_and_table_state_the_places(tmp_path: Path) -> None:
     s = solution()
-    text = fga.protocol(s)
+    text = fga.text_report(s)
     heading = next(line for line in text.splitlines() if line.split()[:2] == ["frame", "X"])
     lines = text[text.index(heading) :].splitlines()
     write_solution(s, tmp_path)

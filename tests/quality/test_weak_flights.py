@@ -89,7 +89,7 @@ def test_vertical_arm_principal_distance_and_shift_in_height() -> None:
     assert len(sentences) == 1
     assert "z of drift 'strip 0' is explained to 99." in sentences[0]
     assert "z of mount 'imu', c of camera 'camera' together" in sentences[0]
-    shown = fga.protocol(three)
+    shown = fga.text_report(three)
     assert "z of mount 'imu', c of camera 'camera' together" in " ".join(shown.split())
 
 

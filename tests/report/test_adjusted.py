@@ -20,7 +20,7 @@ from factorgraph_adj.quality.error_ellipses import error_ellipse, height_interva
 from factorgraph_adj.quality.point_precision import distance_precision
 from factorgraph_adj.report.options import Provenance, ReportOptions, Run
 from factorgraph_adj.report.result_files import write_solution
-from factorgraph_adj.report.text import protocol
+from factorgraph_adj.report.text import text_report
 from factorgraph_adj.simulation.measurement import measure
 from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.units import CC, TURN
@@ -52,7 +52,7 @@ def square() -> Solution:
 
 def test_every_observation_stands_under_its_station_with_its_correction():
     s = square()
-    rows = section(protocol(s), BY_STATION)[2:-1]
+    rows = section(text_report(s), BY_STATION)[2:-1]
     shown = {}
     station = ""
     for words in rows:
@@ -92,7 +92,7 @@ def test_an_adjusted_direction_lies_in_the_first_turn(tmp_path):
 
 def test_weighted_coordinates_show_given_value_correction_and_both_sigmas():
     s = square()
-    rows = {(w[0], w[1]): w for w in section(protocol(s), WEIGHTED)[2:]}
+    rows = {(w[0], w[1]): w for w in section(text_report(s), WEIGHTED)[2:]}
     for i, axis in enumerate("xyz"):
         words = rows["B", axis]
         given = s.network.points["B"]
@@ -151,16 +151,16 @@ def test_a_plumb_line_has_no_azimuth_and_held_points_no_line():
     s = adjust(network)
     plumb, _ = adjusted_lines(s)
     assert np.isnan([plumb.azimuth, plumb.sigma_azimuth]).all()
-    text = protocol(s, ReportOptions(relative="observed"))
+    text = text_report(s, ReportOptions(relative="observed"))
     assert "azimuth [gon]" not in text, "only heights are unknown"
     assert row(text, LINES, "B")[1] == "H"
 
 
-def test_lines_stand_in_the_protocol_the_table_and_the_file_for_programs(tmp_path):
+def test_lines_stand_in_the_report_the_table_and_the_file_for_programs(tmp_path):
     s = square()
     options = ReportOptions(relative=[("A", "C"), ("B", "D")], confidence=0.95)
     lines = adjusted_lines(s, options.relative, confidence=0.95)
-    words = row(protocol(s, options), LINES, "B")
+    words = row(text_report(s, options), LINES, "B")
     assert_printed(words[2], lines[1].distance)
     assert_printed(words[5], lines[1].azimuth / (1000 * MGON))
     assert_printed(words[9], lines[1].ellipse.semi_axes[0] / MM)
@@ -187,17 +187,17 @@ def test_a_line_may_end_at_a_projection_centre():
 # -- the run --------------------------------------------------------------------------------------
 
 
-def test_a_protocol_opens_with_what_is_said_of_the_run():
+def test_a_report_opens_with_what_is_said_of_the_run():
     run = Run("square.toml", "2026-01-02 10:20", "--snoop")
-    lines = protocol(square(), provenance=Provenance(run=run)).splitlines()
+    lines = text_report(square(), provenance=Provenance(run=run)).splitlines()
     said = [line.split(maxsplit=1) for line in lines[2:6]]
     assert [name for name, _ in said] == ["program", "file", "date", "options"]
     assert [text for _, text in said[1:]] == ["square.toml", "2026-01-02 10:20", "--snoop"]
 
 
 def test_the_library_looks_at_no_clock():
-    assert protocol(square()) == protocol(square())
-    assert "  date " not in protocol(square())
+    assert text_report(square()) == text_report(square())
+    assert "  date " not in text_report(square())
 
 
 PROJECT = {

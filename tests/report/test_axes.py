@@ -20,7 +20,7 @@ from factorgraph_adj.report.adjustment_report import Report
 from factorgraph_adj.report.options import Provenance
 from factorgraph_adj.report.plots import plot_photo_residuals
 from factorgraph_adj.report.result_files import write_tables
-from factorgraph_adj.report.text import protocol
+from factorgraph_adj.report.text import text_report
 from tests.networks.small_block import blundered, small_block
 from tests.support.printed import row
 from tests.support.shifted import shift_image
@@ -145,9 +145,9 @@ def solution():
     return adjust(down(weighted_y0()))
 
 
-def test_the_protocol_says_what_the_tables_say():
-    up = protocol(adjust(weighted_y0()))
-    turned = protocol(solution())
+def test_the_report_says_what_the_tables_say():
+    up = text_report(adjust(weighted_y0()))
+    turned = text_report(solution())
     y0 = [float(row(t, "Calibration of D3", "y0")[1]) for t in (up, turned)]
     assert y0[0] == -y0[1] != 0
     photo, point = next(iter(solution().network.photos)), "P6"

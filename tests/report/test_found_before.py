@@ -44,13 +44,13 @@ def surveyed(*, unit: float = 1.0, exchanged: bool = False) -> fga.Network:
         (surveyed(exchanged=True), "directions between held points run the other way round"),
     ],
 )
-def test_a_unit_and_exchanged_axes_are_told_by_protocol_and_report(
+def test_a_unit_and_exchanged_axes_are_told_by_texts_and_pages(
     network: fga.Network, said: str
 ) -> None:
     report = Report(fga.adjust(network))
     (doubt,) = report.shared_error_doubts
     assert doubt.startswith("found before the adjustment: ") and said in doubt
-    text = " ".join(fga.protocol(report.solution).split())
+    text = " ".join(fga.text_report(report.solution).split())
     assert said in text[: text.index("program")]
     lights = adjustment_verdict(report, Texts("en")).lights
     assert any(said in f"{light.text} {light.told}" for light in lights)

@@ -1,4 +1,4 @@
-"""Frames in the protocol and in the tables."""
+"""Frames in the report and in the tables."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from factorgraph_adj import adjust, protocol, read_project, write_project
+from factorgraph_adj import adjust, read_project, text_report, write_project
 from factorgraph_adj.io.numbers import Units
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.report.options import ReportOptions
@@ -29,7 +29,7 @@ def solution():
 
 
 def section(text: str, heading: str) -> list[str]:
-    """Return the lines of a section of a protocol."""
+    """Return the lines of a section of a report."""
     lines = text.splitlines()
     start = lines.index(heading)
     return lines[start : lines.index("", start) if "" in lines[start:] else None]
@@ -48,7 +48,7 @@ def of_frame(text: str, name: str) -> tuple[list[str], list[str], list[str]]:
 
 def test_a_frame_stands_with_its_origin_its_places_and_its_residuals() -> None:
     s = solution()
-    text = protocol(s)
+    text = text_report(s)
     ids = s.observations.ids
     for name, origin, level in (
         ("scan", "15 10 4", "no"),
@@ -64,7 +64,7 @@ def test_a_frame_stands_with_its_origin_its_places_and_its_residuals() -> None:
 
 def test_rotation_offset_and_scale_are_in_gon_metres_and_as_a_factor() -> None:
     s = solution()
-    text = protocol(s)
+    text = text_report(s)
     for name in ("scan", "model", "station"):
         _, values, _ = of_frame(text, name)
         e = s.unknown("frame", name)
@@ -80,14 +80,14 @@ def test_rotation_offset_and_scale_are_in_gon_metres_and_as_a_factor() -> None:
 
 
 def test_what_is_held_and_weighted_is_told_under_the_values() -> None:
-    text = protocol(solution())
+    text = text_report(solution())
     assert of_frame(text, "station")[2][1:3] == ["held", "held"]
     assert of_frame(text, "station")[2][4:] == ["held"] * 4
     assert of_frame(text, "scan")[2][7] == "held"
     network = three_frames()
     del network.frames["scan"]
     network.add_frame("scan", origin=MIDDLE.tolist(), sigma={"ln_scale": 1e-4})
-    words = of_frame(protocol(adjust(network)), "scan")
+    words = of_frame(text_report(adjust(network)), "scan")
     assert float(words[1][7]) == pytest.approx(1.0, abs=3e-4)
     assert words[2][7].endswith("(w)")
 
@@ -113,12 +113,12 @@ def test_the_angles_of_a_frame_have_standard_deviations_of_their_own() -> None:
     )
     covariance = s.variable_covariance(("frame", "model"))[:3, :3]
     expected = np.sqrt(np.diag(turn @ covariance @ turn.T)) / GON * 1e3
-    found = np.array(of_frame(protocol(s), "model")[2][1:4], dtype=float)
+    found = np.array(of_frame(text_report(s), "model")[2][1:4], dtype=float)
     assert found == pytest.approx(expected, rel=5e-3)
 
 
 def test_observations_stand_under_their_frame_and_name_it() -> None:
-    text = protocol(solution(), ReportOptions(most=100))
+    text = text_report(solution(), ReportOptions(most=100))
     lines = section(text, "Adjusted observations, station by station")[2:]
     firsts = [line[2:10].strip() for line in lines if line.startswith("  ")]
     assert [f for f in firsts if f in FRAMES] == list(FRAMES)
@@ -127,7 +127,7 @@ def test_observations_stand_under_their_frame_and_name_it() -> None:
 
 
 def test_the_heading_of_other_unknowns_is_not_theirs() -> None:
-    assert "distance meters, frame" not in protocol(solution())
+    assert "distance meters, frame" not in text_report(solution())
 
 
 def test_the_tables_have_gon_and_metres_and_the_frame_of_each_observation(tmp_path) -> None:

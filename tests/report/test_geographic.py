@@ -20,7 +20,7 @@ from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import GnssVector
 from factorgraph_adj.report.options import ReportOptions
 from factorgraph_adj.report.result_files import write_solution
-from factorgraph_adj.report.text import protocol
+from factorgraph_adj.report.text import text_report
 from factorgraph_adj.simulation.measurement import measure
 from factorgraph_adj.solve.estimates import geodetic_coordinates
 from factorgraph_adj.solve.solution import Solution
@@ -91,9 +91,9 @@ def test_sigma_in_east_north_up_is_the_same_in_geocentric_axes():
 
 @ON_AN_ELLIPSOID
 @pytest.mark.parametrize("unit", ["deg", "dms", "gon"])
-def test_the_protocol_states_the_unit_and_shows_a_tenth_of_a_millimetre(frame, unit):
+def test_the_report_states_the_unit_and_shows_a_tenth_of_a_millimetre(frame, unit):
     s = solution(frame)
-    text = protocol(s, ReportOptions(Units(geographic=unit)))
+    text = text_report(s, ReportOptions(Units(geographic=unit)))
     words = row(text, TITLE, "B")
     table = s.point_table()
     for word, name in zip(words[1:3], ("latitude", "longitude"), strict=True):
@@ -146,7 +146,7 @@ def test_a_project_can_be_given_the_latitudes_that_came_out(tmp_path):
 def test_a_local_network_has_no_latitudes(tmp_path):
     s = solution(LocalFrame())
     assert "latitude" not in s.point_table()
-    assert "Latitude" not in protocol(s)
+    assert "Latitude" not in text_report(s)
     write_solution(s, tmp_path)
     assert "latitude" not in (tmp_path / "points.csv").read_text()
     assert "latitude" not in (tmp_path / "results.json").read_text()

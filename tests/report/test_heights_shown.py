@@ -1,4 +1,4 @@
-"""Profiles, levels, tilts, sights and gyrotheodolites in protocols, tables and pictures."""
+"""Profiles, levels, tilts, sights and gyrotheodolites in reports, tables and pictures."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def solution() -> fga.Solution:
     return fga.adjust(unknown_values(measure(plan, seed=1)))
 
 
-def test_the_protocol_has_observations_and_unknowns_with_their_names(solution) -> None:
-    text = fga.protocol(solution)
+def test_the_report_has_observations_and_unknowns_with_their_names(solution) -> None:
+    text = fga.text_report(solution)
     for what in ("profile height", "level height", "photo tilt", "photo sight", "gyro azimuth"):
         assert what in text
     for name in ("strip 0", "recorder", "lake", "horizon camera", "star tracker", "theodolite 7"):

@@ -20,7 +20,7 @@ from factorgraph_adj.observations import Direction, SlopeDistance
 from factorgraph_adj.report.observation_rows import all_digits, observation_scale
 from factorgraph_adj.report.options import ReportOptions
 from factorgraph_adj.report.result_files import write_solution
-from factorgraph_adj.report.text import protocol
+from factorgraph_adj.report.text import text_report
 from factorgraph_adj.simulation.measurement import measure
 from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.units import CC, TURN
@@ -67,7 +67,7 @@ def solution() -> Solution:
 
 
 def test_orientations_lie_in_the_first_turn_wherever_they_are_printed(tmp_path):
-    text = protocol(solution())
+    text = text_report(solution())
     expected = (TURNED + TURN) / CC / 1e4
     for words in section(text, "Orientation unknowns")[2:]:
         assert float(words[2]) == pytest.approx(expected, abs=0.01)
@@ -100,7 +100,7 @@ def test_a_whole_turn_is_none(angle):
 
 def test_an_orientation_of_almost_a_turn_is_printed_as_zero():
     s = adjust(turned(0.0))
-    text = protocol(s, ReportOptions(Units(angle="gon")))
+    text = text_report(s, ReportOptions(Units(angle="gon")))
     for name in "AB":
         assert 0.0 <= float(row(text, "Orientation unknowns", name)[2]) < 400.0
 

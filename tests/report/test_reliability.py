@@ -1,4 +1,4 @@
-"""What protocol and tables say of reliability, gross errors, weights and error ellipses."""
+"""What report and tables say of reliability, gross errors, weights and error ellipses."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from factorgraph_adj.report.adjustment_report import Report
 from factorgraph_adj.report.options import Provenance, ReportOptions
 from factorgraph_adj.report.reliability import point_redundancy, weakest_points
 from factorgraph_adj.report.result_files import write_solution, write_tables
-from factorgraph_adj.report.text import protocol, render_text
+from factorgraph_adj.report.text import render_text, text_report
 from factorgraph_adj.units import ANGLE
 from tests.networks.exchanged_day import day
 from tests.networks.simulated import NETWORKS, gnss, levelling
@@ -96,7 +96,7 @@ def assert_column(rows, column: str, values) -> None:
 
 def test_redundancy_numbers_stand_by_kind():
     s = solution()
-    rel, text = fga.reliability(s), protocol(s)
+    rel, text = fga.reliability(s), text_report(s)
     assert "Reliability (α0 = 0.1 %, power 80 %: δ0 = 4.13)" in text
     kinds = np.array(s.observations.kinds)
     for kind in ("direction", "slope_distance", "height_difference", "image"):
@@ -117,7 +117,7 @@ def test_redundancy_numbers_stand_by_kind():
 
 
 def test_probabilities_are_the_user_s():
-    text = protocol(solution(), ReportOptions(alpha=0.05, power=0.9))
+    text = text_report(solution(), ReportOptions(alpha=0.05, power=0.9))
     rel = fga.reliability(solution(), alpha=0.05, power=0.9)
     assert f"Reliability (α0 = 5 %, power 90 %: δ0 = {rel.delta0:.2f})" in text
     assert f"|w| above {rel.critical_w:.2f}" in text
@@ -134,7 +134,7 @@ def test_probabilities_that_are_none_are_refused():
 
 def test_what_nothing_controls_is_named():
     """E hangs on one levelled line."""
-    text = protocol(adjust(levelling()))
+    text = text_report(adjust(levelling()))
     words = words_of(text, "Reliability")
     assert "so that no error of theirs shows: height difference D E" in words
     assert "points with no controlled observation: E" in words
@@ -146,7 +146,7 @@ def test_many_uncontrolled_observations_are_cut_with_their_number():
     for i in range(12):
         network.add_point(f"S{i}", (0, 0, 0), fixed="xy")
         network.add(o.HeightDifference("A", f"S{i}", 1.0, sigma=0.001))
-    words = words_of(protocol(adjust(network)), "Reliability")
+    words = words_of(text_report(adjust(network)), "Reliability")
     assert "… (13 in all, see the table observations.csv (option --out))" in words
     assert "points with no controlled observation: E, S0, S1, S2, S3, S4, S5, S6 … (13 in all)" in (
         words
@@ -163,7 +163,7 @@ def test_factors_of_the_user_have_their_redundancy():
     taped = gtsam.RangeFactor3(*ends, distance, gtsam.noiseModel.Isotropic.Sigma(1, 0.0005))
     s = fga.adjust(network, extra_factors=[taped])
     extra = fga.reliability(s).redundancy_of_extra_factors
-    words = row(protocol(s), "Reliability", "further")
+    words = row(text_report(s), "Reliability", "further")
     assert words[2] == "1"
     assert_printed(words[3], extra)
 
@@ -174,7 +174,7 @@ def test_factors_of_the_user_have_their_redundancy():
 def test_the_weakest_observations_stand_with_what_they_can_hide():
     s = solution()
     rel = fga.reliability(s)
-    rows = section(protocol(s), "Weakest observations")[2:7]
+    rows = section(text_report(s), "Weakest observations")[2:7]
     worst = np.argsort(rel.redundancy_numbers, kind="stable")[:5]
     for words, r in zip(rows, Report(s).rows.at(worst.tolist()), strict=True):
         i = r.number
@@ -227,7 +227,7 @@ def test_every_point_counts_its_observations():
 
 def test_a_small_network_lists_each_observation_once():
     """All of them stand in the list by stations, with their r and test values."""
-    text = protocol(adjust(levelling()))
+    text = text_report(adjust(levelling()))
     assert "Weakest observations" not in text
     assert len(section(text, "Adjusted observations")) == 2 + 6 + 1
     assert text.count("-4.1003") == 1
@@ -240,7 +240,7 @@ def test_a_small_network_lists_each_observation_once():
 
 def test_suspects_stand_with_estimated_and_detectable_errors():
     s = adjust(blundered())
-    rel, text = fga.reliability(s), protocol(s)
+    rel, text = fga.reliability(s), text_report(s)
     above = int(np.sum(np.abs(rel.w) > rel.critical_w))
     assert above >= 2
     rows = section(text, "Suspects: |w| above 3.29 (α0 = 0.1 %)")
@@ -263,14 +263,14 @@ def test_a_suspect_names_what_it_is_not_to_be_told_apart_from():
     network = levelling()
     network.observations["AB"] = replace(network.observations["AB"], value=3.25)
     s = adjust(network)
-    rows = section(protocol(s), "Suspects")
+    rows = section(text_report(s), "Suspects")
     texts = [" ".join(words) for words in rows]
     note = texts[1 + next(i for i, t in enumerate(texts) if t.startswith("height difference A B"))]
     assert note.startswith("not distinguishable from: height difference B C (+1.00)")
 
 
 def test_without_a_suspect_nothing_is_said_to_be_inseparable():
-    text = protocol(adjust(levelling()))
+    text = text_report(adjust(levelling()))
     assert "none above the critical |w| = 3.29" in text
     assert "distinguishable" not in text
 
@@ -278,12 +278,12 @@ def test_without_a_suspect_nothing_is_said_to_be_inseparable():
 def test_test_values_of_an_a_posteriori_adjustment_are_tau():
     s = adjust(small_block(), variance="a-posteriori")
     rel = fga.reliability(s)
-    text = protocol(s)
+    text = text_report(s)
     assert f"none above the critical |τ| = {rel.critical_tau:.2f}" in text
     rows = section(text, "Largest test values")
     assert_printed(rows[2][-3].lstrip("-"), np.abs(rel.tau).max())
-    assert "|w|" in protocol(s, ReportOptions(test="baarda"))
-    assert "|τ|" in protocol(solution(), ReportOptions(test="pope"))
+    assert "|w|" in text_report(s, ReportOptions(test="baarda"))
+    assert "|τ|" in text_report(solution(), ReportOptions(test="pope"))
 
 
 @pytest.mark.parametrize(
@@ -297,8 +297,8 @@ def test_a_sigma0_that_makes_test_values_meaningless_is_said(factor, words):
     network = small_block()
     network.images.sigma = [s * factor for s in network.images.sigma]
     s = adjust(network)
-    assert words in " ".join(protocol(s).split())
-    assert words not in " ".join(protocol(s, ReportOptions(test="pope")).split())
+    assert words in " ".join(text_report(s).split())
+    assert words not in " ".join(text_report(s, ReportOptions(test="pope")).split())
 
 
 def test_the_number_of_suspects_that_are_left_out_is_said():
@@ -308,7 +308,7 @@ def test_the_number_of_suspects_that_are_left_out_is_said():
     rel = fga.reliability(s)
     above = int(np.sum(np.abs(rel.w) > rel.critical_w))
     assert above > 20
-    assert f"… {above - 15} more above the critical value" in protocol(s)
+    assert f"… {above - 15} more above the critical value" in text_report(s)
     assert f"… {above - 4} more above the critical value" in render_text(
         Report(s, ReportOptions(n_suspects=4))
     )
@@ -316,7 +316,7 @@ def test_the_number_of_suspects_that_are_left_out_is_said():
 
 def test_correlated_groups_are_tested_as_such():
     network = gnss()
-    fine = protocol(adjust(network))
+    fine = text_report(adjust(network))
     assert re.search(r"\d+ correlated groups tested as such: T of none above", fine)
     name = next(i for i, x in network.observations.items() if x.names() == ("A", "C"))
     vector = network.observations[name]
@@ -324,7 +324,7 @@ def test_correlated_groups_are_tested_as_such():
     network.observations[name] = replace(vector, value=(x + 0.1, y, z))
     s = adjust(network)
     worst = max(fga.reliability(s).groups, key=lambda g: g.test / g.critical)
-    rows = section(protocol(s), "Correlated groups whose test T is above")
+    rows = section(text_report(s), "Correlated groups whose test T is above")
     assert " ".join(rows[2][:4]) == "gnss vector A C"
     assert rows[2][4] == str(worst.dof)
     assert_printed(rows[2][6], worst.test)
@@ -345,21 +345,21 @@ def short_chain(more: int) -> Network:
 
 
 def test_without_redundancy_there_is_no_reliability():
-    text = protocol(adjust(short_chain(0)))
+    text = text_report(adjust(short_chain(0)))
     assert "no redundancy: no observation checks another" in text
     for heading in ("Reliability", "Weakest", "Suspects", "Largest"):
         assert heading not in text
 
 
 def test_one_redundant_observation_can_find_but_not_locate():
-    text = protocol(adjust(short_chain(1)))
+    text = text_report(adjust(short_chain(1)))
     assert "an error would show, but not which observation it is in" in words_of(
         text, "Reliability"
     )
 
 
 def test_reliability_of_an_unfinished_adjustment_says_so():
-    text = protocol(adjust(small_block(), max_iterations=1))
+    text = text_report(adjust(small_block(), max_iterations=1))
     assert "not converged: these figures belong to the state where the iteration" in text
 
 
@@ -368,7 +368,7 @@ def test_why_there_is_no_reliability_is_said(monkeypatch, tmp_path):
         raise AdjustmentError("no reliability: the network is too weak to compute them")
 
     monkeypatch.setattr("factorgraph_adj.report.adjustment_report.reliability", weak)
-    text = protocol(solution())
+    text = text_report(solution())
     assert words_of(text, "Reliability") == (
         "no reliability: the network is too weak to compute them"
     )
@@ -391,8 +391,8 @@ def test_why_there_is_no_reliability_is_said(monkeypatch, tmp_path):
 @pytest.mark.parametrize("variance", ["a-priori", "a-posteriori"])
 def test_ellipses_stand_beside_coordinates_where_they_are_asked_for(variance):
     s = adjust(small_block(), variance=variance)
-    assert "azimuth" not in protocol(s)
-    text = protocol(s, ReportOptions(confidence=0.95))
+    assert "azimuth" not in text_report(s)
+    text = text_report(s, ReportOptions(confidence=0.95))
     for name in ("P1", "P7"):
         e = error_ellipse(s, name)
         words = row(text, "Adjusted coordinates", name)
@@ -406,11 +406,11 @@ def test_ellipses_stand_beside_coordinates_where_they_are_asked_for(variance):
 def test_azimuths_follow_the_unit_of_angles():
     s = solution()
     azimuth = error_ellipse(s, "P1").azimuth
-    text = protocol(s, ReportOptions(confidence=0.9, units=Units(angle="dms")))
+    text = text_report(s, ReportOptions(confidence=0.9, units=Units(angle="dms")))
     word = row(text, "Adjusted coordinates", "P1")[-1]
     degrees, minutes, seconds = (int(part) for part in word.split("-"))
     assert degrees + minutes / 60 + seconds / 3600 == pytest.approx(np.degrees(azimuth), abs=2e-4)
-    text = protocol(s, ReportOptions(confidence=0.9, units=Units(angle="cc")))
+    text = text_report(s, ReportOptions(confidence=0.9, units=Units(angle="cc")))
     assert float(row(text, "Adjusted coordinates", "P1")[-1]) == pytest.approx(
         azimuth / ANGLE["cc"], abs=500
     )
@@ -418,7 +418,7 @@ def test_azimuths_follow_the_unit_of_angles():
 
 def test_heights_alone_have_intervals():
     s = adjust(levelling())
-    text = protocol(s, ReportOptions(confidence=0.99))
+    text = text_report(s, ReportOptions(confidence=0.99))
     interval = height_interval(s, "C", confidence=0.99)
     assert_printed(row(text, "Adjusted coordinates", "C")[-1], 1000 * interval.half_width)
     assert "± z: 99 % interval, 2.576 σ" in text
@@ -427,7 +427,7 @@ def test_heights_alone_have_intervals():
 
 def test_projection_centres_have_ellipsoids():
     s = solution()
-    text = protocol(s, ReportOptions(confidence=0.95))
+    text = text_report(s, ReportOptions(confidence=0.95))
     heading = "Projection centres: 95 % error ellipsoids, 2.795 × standard ellipsoid"
     e = error_ellipsoid(s, ("pose", "F2"))
     words = row(text, heading, "F2")
@@ -468,7 +468,7 @@ def test_tables_without_a_confidence_have_no_ellipses(tmp_path):
 
 def test_calibrations_stand_with_their_tests():
     s = solution()
-    text, test = protocol(s), significance(s)
+    text, test = text_report(s), significance(s)
     k1, k2 = test["D3", "k1"], test["D3", "k2"]
     words = row(text, "Calibration of D3", "k1")
     assert_printed(words[3], k1.t)
@@ -489,9 +489,9 @@ def test_overparametrised_cameras_are_warned_of_by_name():
     s = adjust(network)
     sentences = significance(s).overparametrised
     assert any("k2 of camera 'D3' and k3" in t for t in sentences)
-    words = words_of(protocol(s), "Overparametrised")
+    words = words_of(text_report(s), "Overparametrised")
     assert all(t in words for t in sentences[:10])
-    assert "Overparametrised" not in protocol(adjust(levelling()))
+    assert "Overparametrised" not in text_report(adjust(levelling()))
 
 
 def test_the_table_of_unknowns_has_the_tests(tmp_path):
@@ -553,7 +553,7 @@ def test_the_solution_as_json_sums_reliability_up(tmp_path):
 def test_what_was_set_aside_stands_with_its_errors():
     k = snooped()
     assert len(k.rejected) == 2
-    text = protocol(k.solution, provenance=Provenance(snooping=k, original=blundered()))
+    text = text_report(k.solution, provenance=Provenance(snooping=k, original=blundered()))
     assert f"2 observations rejected in {k.rounds[-1].number} rounds; {k.reason[:20]}" in text
     assert "Data snooping (Baarda's w, critical |w| 3.29)" in text
     lines = [" ".join(w) for w in section(text, "Data snooping")]
@@ -587,7 +587,8 @@ def test_a_clean_network_says_in_one_line_that_nothing_was_set_aside():
     k = snoop(network)
     assert not k.rejected
     words = section(
-        protocol(k.solution, provenance=Provenance(snooping=k, original=network)), "Data snooping"
+        text_report(k.solution, provenance=Provenance(snooping=k, original=network)),
+        "Data snooping",
     )
     assert " ".join(words[0]).startswith("nothing rejected in 1 round; ")
     assert len(words) <= 2
@@ -601,7 +602,7 @@ def test_what_was_set_aside_before_the_first_round_is_counted():
     n = len(k.rejected)
     assert n
     assert all(r.round == 0 for r in k.rejected)
-    text = protocol(k.solution, provenance=Provenance(snooping=k, original=network))
+    text = text_report(k.solution, provenance=Provenance(snooping=k, original=network))
     words = section(text, "Data snooping")
     told = f"{n} observations rejected before the first round, no others in 1 round; "
     assert " ".join(words[0]).startswith(told)
@@ -620,7 +621,7 @@ def test_every_outcome_of_snooping_is_told():
         ),
         rounds=(Round(0, 2.0, 9.0, 3, 2, 0), *k.rounds),
     )
-    text = protocol(k.solution, provenance=Provenance(snooping=k, original=blundered()))
+    text = text_report(k.solution, provenance=Provenance(snooping=k, original=blundered()))
     assert "after a robust start" in text
     assert f"agrees with them: F1/P3, {k.rejected[0].id} (rejected again)" in text
     after = text.partition("points rejected with all their rays")[2].splitlines()
@@ -697,7 +698,7 @@ def test_tables_of_an_earlier_run_do_not_stay(tmp_path):
 
 def test_variance_components_stand_with_their_uncertainty(tmp_path):
     found = weighted()
-    text = protocol(found.solution, provenance=Provenance(components=found))
+    text = text_report(found.solution, provenance=Provenance(components=found))
     assert "σ estimated" in text
     for c in found.components:
         label = c.name.split("_")
@@ -738,8 +739,8 @@ def test_notes_stand_under_their_rows():
     assert lines[2:] == ["  x", "  y", "      of y"]
 
 
-def test_the_protocol_of_a_healthy_small_network_is_short():
-    lines = protocol(adjust(levelling())).splitlines()
+def test_the_report_of_a_healthy_small_network_is_short():
+    lines = text_report(adjust(levelling())).splitlines()
     assert len(lines) < 75
     assert max(map(len, lines)) <= 110
 
@@ -751,7 +752,7 @@ def test_the_protocol_of_a_healthy_small_network_is_short():
 def test_no_line_ends_in_blanks_and_no_figure_is_nan(name):
     network = NETWORKS[name]()
     k = snoop(network)
-    text = protocol(
+    text = text_report(
         k.solution, ReportOptions(confidence=0.95), Provenance(snooping=k, original=network)
     )
     assert not any(line != line.rstrip() for line in text.splitlines())

@@ -1,4 +1,4 @@
-"""Shapes in the protocol and in their table."""
+"""Shapes in the report and in their table."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def solution() -> fga.Solution:
 
 @cache
 def text() -> str:
-    return fga.protocol(solution())
+    return fga.text_report(solution())
 
 
 def section(words: str, heading: str) -> list[str]:
@@ -90,7 +90,7 @@ def test_a_shape_stands_in_no_other_table() -> None:
 
 @LONG
 def test_a_frame_of_shapes_alone_makes_no_table_of_frames() -> None:
-    words = fga.protocol(fga.adjust(measured("torus", 1)))
+    words = fga.text_report(fga.adjust(measured("torus", 1)))
     assert "\nFrames\n" not in words
     values, _ = of_shape("S", words)
     assert [v.split()[0] for v in values[-2:]] == ["radius", "ring"]
@@ -110,7 +110,7 @@ def test_a_frame_counts_its_places_and_not_its_observations() -> None:
 def test_what_is_held_is_told_and_what_is_open_is_not_shown_as_a_number() -> None:
     x = np.array([[np.cos(t), np.sin(t), float(t)] for t in range(8)])
     network = on_shape("cylinder", x, level=True, free=("x", "y"), origin=(0.0, 0.0, 0.0))
-    values, sigmas = of_shape("S", fga.protocol(fga.adjust(network)))
+    values, sigmas = of_shape("S", fga.text_report(fga.adjust(network)))
     assert values[6] == "0.00000 0.00000 1.00000"
     assert values[7] == "0.0000"  # the tilt, and no azimuth
     assert values[8].startswith("radius")
@@ -122,7 +122,7 @@ def test_an_azimuth_that_is_not_known_is_not_shown() -> None:
     rng = np.random.default_rng(1)
     x = np.column_stack([rng.uniform(0, 0.01, (6, 2)), np.zeros(6)])
     network = on_shape("plane", x, origin=(0.0, 0.0, 0.0))
-    values, _ = of_shape("S", fga.protocol(fga.adjust(network)))
+    values, _ = of_shape("S", fga.text_report(fga.adjust(network)))
     assert len(values) == 8  # up to the tilt
 
 

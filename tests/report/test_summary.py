@@ -57,10 +57,10 @@ def test_a_good_network_has_the_verdict_of_the_page_and_the_figures_of_the_solut
     assert f"{solution.n_observations} observations, {solution.n_unknowns} unknowns" in text
 
 
-def test_a_gross_error_has_the_doubts_of_the_protocol_and_its_reading_stands_first() -> None:
+def test_a_gross_error_has_the_doubts_of_the_report_and_its_reading_stands_first() -> None:
     solution = fga.adjust(trilateration(blunder=0.05))
-    text, protocol = solution.summary(), fga.protocol(solution)
-    first = [line for line in protocol.splitlines() if line.startswith("  DOUBTFUL RESULT: ")]
+    text, report = solution.summary(), fga.text_report(solution)
+    first = [line for line in report.splitlines() if line.startswith("  DOUBTFUL RESULT: ")]
     assert first and first[0] in text.splitlines()
     rel = fga.reliability(solution)
     row = rel.row("0-2")
@@ -189,10 +189,10 @@ def test_without_pandas_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> N
         solution.to_pandas()
 
 
-def test_the_screen_and_the_protocol_of_snooping_have_what_was_set_aside() -> None:
+def test_the_screen_and_the_report_of_snooping_have_what_was_set_aside() -> None:
     found = fga.snoop(trilateration(blunder=0.05))
     assert found.rejected
-    for text in (found.summary(), fga.protocol(found)):
+    for text in (found.summary(), fga.text_report(found)):
         assert "rejected" in text
         assert "0-2" in text
     assert len(found.summary().splitlines()) <= MAX_LINES

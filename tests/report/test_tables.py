@@ -41,7 +41,7 @@ from factorgraph_adj.report.tables import (
     as_text,
     unit_of,
 )
-from factorgraph_adj.report.text import protocol
+from factorgraph_adj.report.text import text_report
 from factorgraph_adj.report.unknowns import unknowns_table
 from tests.networks.exchanged_day import day
 from tests.networks.pixel_block import pixel_block
@@ -72,7 +72,7 @@ def test_a_figure_of_quality_that_is_added_appears_in_every_rendering(
     expected = rel.delta0 / np.sqrt(rel.redundancy_numbers)
     read = [f"{v:.3f}" for v in expected]
 
-    text = protocol(solution)
+    text = text_report(solution)
     listing = text[text.index("Adjusted observations") :].splitlines()[2:]
     assert listing[0].split()[-1] == "∇/σ"
     assert {line.split()[-1] for line in listing[2 : 2 + len(read)]} == set(read)
@@ -113,7 +113,7 @@ def test_a_figure_of_points_that_is_added_appears_in_every_rendering(
     expected = np.sqrt(np.mean(np.square(sigmas), axis=1))
     read = [f"{v / 1e-3:.4f}" for v in expected]
 
-    text = protocol(solution)
+    text = text_report(solution)
     listing = text[text.index("Adjusted coordinates") :].splitlines()[2:]
     assert listing[0].split()[-2:] == ["σP", "[mm]"]
     assert [line.split()[-1] for line in listing[2 : 2 + len(read)]] == read
@@ -155,7 +155,7 @@ def test_a_figure_of_photos_that_is_added_appears_in_every_rendering(
     expected = np.sqrt(np.mean(np.square(sigmas), axis=1))
     read = [f"{v / 1e-3:.4f}" for v in expected]
 
-    text = protocol(solution)
+    text = text_report(solution)
     listing = text[text.index("Photos\n------") :].splitlines()[2:]
     assert listing[0].split()[-2:] == ["σP", "[mm]"]
     # Below each line stand the standard deviations of its figures.
@@ -201,7 +201,7 @@ def test_a_figure_of_unknowns_that_is_added_appears_in_every_rendering(
     }
     read = [f"{v / 1e-3:.4f}" for v in expected.values()]
 
-    text = protocol(solution)
+    text = text_report(solution)
     assert row(text, "Calibration of D3", "c")[-1] == read[0]
     (of_edm,) = (words for words in section(text, "Distance meters") if "scale" in words)
     assert of_edm[-1] == read[1]

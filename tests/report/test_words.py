@@ -1,4 +1,4 @@
-"""What a protocol says of ties, drifts, attitudes, photos without points, and of rounding."""
+"""What a report says of ties, drifts, attitudes, photos without points, and of rounding."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def rigid() -> fga.Solution:
 
 
 def test_ties_of_rigid_mounts_are_told_in_one_sentence_and_not_listed(rigid) -> None:
-    text = fga.protocol(rigid)
+    text = fga.text_report(rigid)
     words = lines_of(text, "Reliability")
     assert "24 stiff ties (relative position, relative rotation; r up to" in words
     assert "stated of the model and not measured" in words
@@ -46,7 +46,7 @@ def test_a_play_that_shows_an_error_makes_no_stiff_tie() -> None:
     loose = fga.adjust(measure(rig(play=(1e-3, 1e-2)), seed=1))
     rel = fga.reliability(loose)
     assert not stiff_ties(rel).any()
-    assert "stiff" not in fga.protocol(loose)
+    assert "stiff" not in fga.text_report(loose)
 
 
 def test_stiff_ties_are_those_that_were_stated(rigid) -> None:
@@ -70,12 +70,12 @@ def test_stiff_ties_are_those_that_were_stated(rigid) -> None:
     )
     assert not stiff_ties(fga.reliability(fga.adjust(network))).any()
     assert "controlled by no other observation" in lines_of(
-        fga.protocol(fga.adjust(network)), "Reliability"
+        fga.text_report(fga.adjust(network)), "Reliability"
     )
 
 
 def test_a_photo_without_points_has_no_root_mean_square(rigid) -> None:
-    text = fga.protocol(rigid)
+    text = fga.text_report(rigid)
     assert "nan" not in text
     row = next(line for line in text.splitlines() if line.startswith("  E2 left "))
     assert row.split()[2:4] == ["0", "–"]
@@ -83,7 +83,7 @@ def test_a_photo_without_points_has_no_root_mean_square(rigid) -> None:
 
 def test_drifts_are_per_unit_of_time() -> None:
     parts = ("x", "y", "z", "x_t", "y_t", "z_t")
-    text = fga.protocol(fga.adjust(observed(plan_of(Plan(drift=parts)), 1)))
+    text = fga.text_report(fga.adjust(observed(plan_of(Plan(drift=parts)), 1)))
     assert "x [mm]" in text
     assert "x_t [mm/t]" in text
     assert "x_t [mm]" not in text

@@ -1,4 +1,4 @@
-"""Adjustments with shapes and relations: free networks, arrivals, plans, protocols, bad input."""
+"""Adjustments with shapes and relations: free networks, arrivals, plans, reports, bad input."""
 
 from __future__ import annotations
 
@@ -162,9 +162,9 @@ WITH_SHAPES["room"] = on_shapes.room
     "short tests take single ones"
 )
 @pytest.mark.parametrize("name", WITH_SHAPES)
-def test_protocols_take_shapes_and_relations(name):
+def test_reports_take_shapes_and_relations(name):
     network = WITH_SHAPES[name]()
-    text = fga.protocol(fga.adjust(network))
+    text = fga.text_report(fga.adjust(network))
     assert "Shapes" in text
     for kind in {x.kind for x in network.observations.values()}:
         assert kind.replace("_", " ") in text or kind in text

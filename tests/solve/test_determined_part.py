@@ -154,7 +154,7 @@ def test_every_output_names_what_was_left_out(tmp_path, capsys):
     assert said in printed.err
     assert said in printed.out
     assert printed.out.index(said) < printed.out.index("Observations")
-    assert said in (out / "protocol.txt").read_text(encoding="utf-8")
+    assert said in (out / "report.txt").read_text(encoding="utf-8")
     assert said in page.read_text(encoding="utf-8")
     (record,) = json.loads((out / "results.json").read_text(encoding="utf-8"))["unknowns_left_out"]
     assert (record["kind"], record["name"]) == ("point", "X")

@@ -13,7 +13,7 @@ from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.observations import HorizontalDistance, ImagePoint
 from factorgraph_adj.report.adjustment_report import Report
 from factorgraph_adj.report.results_json import results_record
-from factorgraph_adj.report.text import protocol
+from factorgraph_adj.report.text import text_report
 from factorgraph_adj.simulation.measurement import measure
 from factorgraph_adj.solve.adjustment_run import AdjustmentRun
 from factorgraph_adj.solve.convergence import STOPPING, StepRecord
@@ -108,7 +108,7 @@ def test_the_solution_says_what_extrapolations_gained(
     assert found.count == len(taken) > 0
     assert found.gained == pytest.approx(sum(taken)) and found.gained > 0.0
     assert found.count < solution.iterations
-    assert f"  extrapolations        {found}\n" in protocol(solution)
+    assert f"  extrapolations        {found}\n" in text_report(solution)
     assert results_record(Report(solution))["extrapolated"]["count"] == found.count
 
 
@@ -122,7 +122,7 @@ def test_what_was_gained_is_one_sentence() -> None:
 def test_a_solution_without_extrapolations_does_not_mention_them() -> None:
     solution = fga.adjust(blundered_distances(1, 1e-3, (0.01,)))
     assert not solution.extrapolated.count
-    assert "extrapolation" not in protocol(solution)
+    assert "extrapolation" not in text_report(solution)
     assert "extrapolated" not in results_record(Report(solution))
 
 

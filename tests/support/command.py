@@ -13,7 +13,7 @@ import pytest
 from factorgraph_adj.cli.command_line import main
 
 FILES = {
-    *("protocol.txt", "results.json", "points.csv", "photos.csv"),
+    *("report.txt", "results.json", "points.csv", "photos.csv"),
     *("observations.csv", "unknowns.csv", "given_values.csv"),
 }
 

@@ -1,4 +1,4 @@
-"""The words of a printed protocol."""
+"""The words of a printed report."""
 
 from __future__ import annotations
 

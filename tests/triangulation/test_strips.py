@@ -275,7 +275,7 @@ def test_strips_that_cannot_be_joined_are_named() -> None:
     assert sum(map(len, HEIGHT_TERMS)) == 12  # as Schut's
 
 
-def test_plans_components_protocols_and_plots_take_strips() -> None:
+def test_plans_components_reports_and_plots_take_strips() -> None:
     pytest.importorskip("matplotlib")
     from factorgraph_adj.report.plots import plot_network, plot_redundancy
 
@@ -288,7 +288,7 @@ def test_plans_components_protocols_and_plots_take_strips() -> None:
         solution.unknown("polynomial", "north").sigmas,
         rtol=1e-9,
     )
-    said = fga.protocol(solution)
+    said = fga.text_report(solution)
     assert "strip coordinate" in said
     assert "strip north" in said
     assert "z_xx" in said

@@ -277,7 +277,7 @@ def contents(report: EpochsReport, t: Texts, files: Sequence[str | Path]) -> dic
         "anchors": anchors,
         "run": _run(report, t),
         "files": listed_files,
-        "protocol": render_congruence(report.found, blocks=report.blocks),
+        "text_report": render_congruence(report.found, blocks=report.blocks),
         "data": data,
     }
 

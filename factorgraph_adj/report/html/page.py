@@ -232,7 +232,7 @@ def contents(report: Report, t: Texts, files: Sequence[str | Path]) -> dict[str,
         "statistics_text": None if numbers is None else _statistics_text(report, numbers, t),
         "run": rendering.adjustment_provenance(report, t),
         "files": listed_files,
-        "protocol": render_text(report),
+        "text_report": render_text(report),
         "data": data,
     }
 
@@ -327,7 +327,7 @@ def write_report(
         path: the file, such as ``report.html``; one that is there is replaced.
         language: ``en`` or ``de``. Sentences of the adjustment itself, such as the reason why an
             iteration ended and the name of a likely cause, are English in both.
-        options: units, probabilities, tests, ellipses and lines, as for `protocol`. Without a
+        options: units, probabilities, tests, ellipses and lines, as for `text_report`. Without a
             confidence, the plan shows ellipses of 95 % and the tables none. Of two epochs units and
             confidence count.
         provenance: data snooping or variance components that the solution comes from, and the run.

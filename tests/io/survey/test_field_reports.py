@@ -103,7 +103,7 @@ def test_the_remark_on_a_code_page_is_in_the_report_and_the_results(tmp_path):
     network = read(tmp_path, "a.gsi", text, "cp1252", fixed="\xc4,B,C", refraction=None)
     said = "not UTF-8: read as Windows-1252; first in a.gsi:1"
     solution = fga.adjust(network)
-    assert said in " ".join(fga.protocol(solution).split())
+    assert said in " ".join(fga.text_report(solution).split())
     fga.write_results(solution, tmp_path / "results.json")
     assert said in (tmp_path / "results.json").read_text(encoding="utf-8")
 

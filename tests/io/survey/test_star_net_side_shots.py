@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.report.text import protocol
+from factorgraph_adj.report.text import text_report
 from factorgraph_adj.units import ARCSEC
 
 SETTINGS = {
@@ -109,7 +109,7 @@ def test_a_side_shot_has_the_sigma_that_follows_from_station_backsight_and_readi
 
 def test_results_tell_side_shots_apart(tmp_path):
     found = adjusted(tmp_path, NETWORK + SIDE_SHOTS)
-    said = protocol(found)
+    said = text_report(found)
     heading = said.index("Side shots: computed from the adjusted points; nothing checks them")
     assert "  S2 " in said[said.index("Adjusted coordinates") : heading]
     assert "  X.2 " not in said[said.index("Adjusted coordinates") : heading]

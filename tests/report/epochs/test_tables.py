@@ -1,4 +1,4 @@
-"""Protocol, table and results.json of two epochs say what the comparison found."""
+"""Report, table and results.json of two epochs say what the comparison found."""
 
 from __future__ import annotations
 
@@ -166,7 +166,7 @@ def test_grid_coordinates_of_thousands_of_kilometres_are_compared_alike():
         assert there.displacement(n).test.value == pytest.approx(x.test.value, rel=1e-4, abs=1e-4)
 
 
-def test_the_protocol_lists_blocks_and_strains():
+def test_the_report_lists_blocks_and_strains():
     text = render_congruence(moved.in_plan(), blocks=[moved.block()])
     b = moved.block()
     assert "P, Q: the block moved, rigid" in text
@@ -181,4 +181,4 @@ def test_the_protocol_lists_blocks_and_strains():
     for strain in motion.principal_strains()[0]:
         assert f"{1e6 * strain:.1f} ppm along" in told
     assert "have no redundancy to test" in told
-    assert fga.protocol(moved.in_plan()) == render_congruence(moved.in_plan())
+    assert fga.text_report(moved.in_plan()) == render_congruence(moved.in_plan())

@@ -134,12 +134,12 @@ def test_the_input_files_have_the_hashes_of_their_bytes():
 
 
 @LONG
-def test_a_good_result_is_green_and_a_doubtful_one_red_as_in_the_protocol():
+def test_a_good_result_is_green_and_a_doubtful_one_red_as_in_the_report():
     assert adjustment_verdict(industry(), EN).colour == "green"
     assert adjustment_verdict(snooped(), EN).colour == "amber"
     assert adjustment_verdict(spoiled(), EN).colour == "red"
     for report in (industry(), snooped(), spoiled()):
-        doubtful = "DOUBTFUL RESULT" in fga.protocol(
+        doubtful = "DOUBTFUL RESULT" in fga.text_report(
             report.solution, report.options, report.provenance
         )
         assert (adjustment_verdict(report, EN).colour == "red") == doubtful

@@ -1,4 +1,4 @@
-"""The protocol and the tables say what the solution says, in the units of the project."""
+"""The report and the tables say what the solution says, in the units of the project."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from factorgraph_adj.report import layout
 from factorgraph_adj.report.adjustment_report import Report
 from factorgraph_adj.report.options import ReportOptions
 from factorgraph_adj.report.result_files import write_solution
-from factorgraph_adj.report.text import protocol
+from factorgraph_adj.report.text import text_report
 from factorgraph_adj.rotation import (
     angles_by_rotation,
     exp_rotation,
@@ -42,8 +42,8 @@ def solution():
     return adjust(small_block())
 
 
-def test_the_protocol_says_how_many_of_what():
-    text = protocol(solution())
+def test_the_report_says_how_many_of_what():
+    text = text_report(solution())
     assert "Adjustment of small block" in text
     assert re.search(r"points +14 \(1 held, 1 held in part, 1 weighted, 3 with check", text)
     assert re.search(r"cameras +D3 \(brown\)", text)
@@ -56,7 +56,7 @@ def test_the_protocol_says_how_many_of_what():
 
 def test_the_figures_of_the_adjustment_are_those_of_the_solution():
     s = solution()
-    text = protocol(s)
+    text = text_report(s)
     assert f"observations n        {s.n_observations}" in text
     assert f"unknowns u            {s.n_unknowns}" in text
     assert f"redundancy n − u + d  {s.redundancy}" in text
@@ -71,7 +71,9 @@ def test_the_global_test_is_two_sided_at_95_percent():
     assert test.upper**2 * s.redundancy == pytest.approx(chi2.ppf(0.975, s.redundancy))
     assert test.accepted
     assert test.sigma0 == pytest.approx(s.sigma0)
-    assert f"accepted: χ², two-sided, 95 %, {test.lower:.4f} ≤ σ̂0 ≤ {test.upper:.4f}" in protocol(s)
+    assert (
+        f"accepted: χ², two-sided, 95 %, {test.lower:.4f} ≤ σ̂0 ≤ {test.upper:.4f}" in text_report(s)
+    )
 
 
 @pytest.mark.parametrize(
@@ -81,7 +83,7 @@ def test_wrong_weights_are_rejected_with_a_hint(factor, hint):
     network = small_block()
     table = network.images
     table.sigma = [s * factor for s in table.sigma]
-    text = protocol(adjust(network))
+    text = text_report(adjust(network))
     assert "REJECTED" in text
     assert hint in text
 
@@ -93,7 +95,7 @@ def test_without_redundancy_there_is_nothing_to_test():
     network.add(o.SlopeDistance("A", "B", 10.0, sigma=0.01))
     s = adjust(network)
     assert global_test(s).accepted
-    assert "no redundancy" in protocol(s)
+    assert "no redundancy" in text_report(s)
 
 
 def test_a_confidence_that_is_none_is_refused():
@@ -102,7 +104,7 @@ def test_a_confidence_that_is_none_is_refused():
 
 
 def test_coordinates_stand_with_their_standard_deviations():
-    s, text = solution(), protocol(solution())
+    s, text = solution(), text_report(solution())
     for name in box():
         words = row(text, "Adjusted coordinates", name)
         for word, value in zip(words[1:4], s.point(name), strict=True):
@@ -115,7 +117,7 @@ def test_coordinates_stand_with_their_standard_deviations():
 
 def test_coordinates_stand_in_the_units_of_the_project():
     s = solution()
-    text = protocol(s, ReportOptions(units=Units(length="mm", sigma_length="um")))
+    text = text_report(s, ReportOptions(units=Units(length="mm", sigma_length="um")))
     words = row(text, "Adjusted coordinates", "P1")
     assert_printed(words[1], s.point("P1")[0] * 1e3)
     assert_printed(words[4], s.standard_deviations("P1")[0] * 1e6)
@@ -125,11 +127,11 @@ def test_the_weakest_point_is_named():
     s = solution()
     total = {n: np.linalg.norm(s.standard_deviations(n)) for n in box()}
     worst = max(total, key=total.get)
-    assert f"weakest point {worst}: {1000 * total[worst]:.2f} mm" in protocol(s)
+    assert f"weakest point {worst}: {1000 * total[worst]:.2f} mm" in text_report(s)
 
 
 def test_check_points_have_differences_and_their_rms():
-    s, text = solution(), protocol(solution())
+    s, text = solution(), text_report(solution())
     differences = np.array([s.point(n) - np.array(box()[n]) for n in CHECKED]) * 1000
     for name, d in zip(CHECKED, differences, strict=True):
         for word, value in zip(row(text, "Check points", name)[1:], d, strict=True):
@@ -140,7 +142,7 @@ def test_check_points_have_differences_and_their_rms():
 
 
 def test_photos_stand_with_angles_and_their_standard_deviations():
-    s, text = solution(), protocol(solution())
+    s, text = solution(), text_report(solution())
     rows = section(text, "Photos")
     place = next(i for i, words in enumerate(rows) if words[0] == "F2")
     pose = s.pose("F2")
@@ -169,7 +171,7 @@ def test_angles_straight_sideways_have_no_standard_deviations():
 
 
 def test_the_calibration_stands_with_strong_correlations():
-    s, text = solution(), protocol(solution())
+    s, text = solution(), text_report(solution())
     estimate = s.calibration("D3")
     words = row(text, "Calibration of D3", "c")
     assert_printed(words[1], estimate["c"])
@@ -182,7 +184,7 @@ def test_the_calibration_stands_with_strong_correlations():
 
 def test_orientation_unknowns_stand_with_their_standard_deviations():
     e = solution().orientation("S2")
-    text = protocol(solution(), ReportOptions(units=Units(angle="deg")))
+    text = text_report(solution(), ReportOptions(units=Units(angle="deg")))
     words = row(text, "Orientation unknowns", "S2")
     assert_printed(words[2], e.values[0] / ANGLE["deg"])
     assert_printed(words[3], e.sigmas[0] / ANGLE["arcsec"])
@@ -191,7 +193,7 @@ def test_orientation_unknowns_stand_with_their_standard_deviations():
 def test_the_largest_test_values_lead_their_list():
     s = solution()
     size = np.abs(reliability(s).w)
-    rows = section(protocol(s), "Largest test values: none above the critical |w| = 3.29")[2:]
+    rows = section(text_report(s), "Largest test values: none above the critical |w| = 3.29")[2:]
     printed = [abs(float(words[-3])) for words in rows if words[-1][-1].isdigit()]
     assert len(printed) == 15
     assert printed == sorted(printed, reverse=True)
@@ -210,7 +212,7 @@ def test_refraction_verticals_and_meters_stand_together():
     from factorgraph_adj.simulation.measurement import measure
 
     s = adjust(measure(network, seed=3))
-    rows = section(protocol(s), "Refraction, verticals, distance meters")
+    rows = section(text_report(s), "Refraction, verticals, distance meters")
 
     def figures(label: str) -> list[str]:
         """Return what stands behind a label."""
@@ -235,14 +237,14 @@ def test_a_free_network_says_what_it_leaves_free():
     network = small_block()
     for name, p in network.points.items():
         network.points[name] = replace(p, fixed=(False,) * 3, sigma=None)
-    text = protocol(adjust(network, datum="free"))
+    text = text_report(adjust(network, datum="free"))
     assert "free network: inner constraints over all points; free shift x y z, rotation z" in text
     assert "datum defect d        4" in text
 
 
 def test_an_adjustment_that_stops_early_says_so():
     s = adjust(small_block(), max_iterations=1)
-    assert "1, NOT CONVERGED: stopped after 1 iterations" in protocol(s)
+    assert "1, NOT CONVERGED: stopped after 1 iterations" in text_report(s)
 
 
 def test_a_solution_without_a_covariance_is_reported_without_precision(tmp_path, monkeypatch):
@@ -254,26 +256,28 @@ def test_a_solution_without_a_covariance_is_reported_without_precision(tmp_path,
 
     s = adjust(small_block(), max_iterations=1)
     monkeypatch.setattr(Solution, "variable_covariance", singular)
-    text = protocol(s)
+    text = text_report(s)
     assert "precision             none: the normal equations are singular" in text
     assert "Adjusted coordinates" not in text
     write_solution(s, tmp_path)
     assert {f.name for f in tmp_path.iterdir()} == {
-        *("protocol.txt", "results.json", "observations.csv"),
+        *("report.txt", "results.json", "observations.csv"),
     }
 
 
 def test_a_posteriori_precision_is_named():
     s = adjust(small_block(), variance="a-posteriori")
-    assert f"a posteriori: multiplied by σ̂0 = {s.sigma0:.5f}" in protocol(s)
+    assert f"a posteriori: multiplied by σ̂0 = {s.sigma0:.5f}" in text_report(s)
 
 
 def test_long_lists_are_cut_with_a_note_of_what_is_left_out():
-    text = protocol(solution(), ReportOptions(most=3))
+    text = text_report(solution(), ReportOptions(most=3))
     assert "… 11 more points in the table points.csv (option --out)" in text
     assert "… 1 more photos in the table photos.csv (option --out)" in text
-    assert len(text.splitlines()) < len(protocol(solution()).splitlines())
-    assert "in results/points.csv" in protocol(solution(), ReportOptions(most=3, tables="results"))
+    assert len(text.splitlines()) < len(text_report(solution()).splitlines())
+    assert "in results/points.csv" in text_report(
+        solution(), ReportOptions(most=3, tables="results")
+    )
 
 
 def test_frames_are_described():
@@ -286,11 +290,11 @@ def test_frames_are_described():
         network.add_point("A", start, fixed="xyz")
         network.add_point("B", (start[0] + 9.0, 0.0, 0.0), fixed="yz")
         network.add(o.SlopeDistance("A", "B", 10.0, sigma=0.01))
-        assert words in protocol(adjust(network))
+        assert words in text_report(adjust(network))
 
 
-def test_no_line_of_the_protocol_ends_in_blanks():
-    assert not any(line != line.rstrip() for line in protocol(solution()).splitlines())
+def test_no_line_of_the_report_ends_in_blanks():
+    assert not any(line != line.rstrip() for line in text_report(solution()).splitlines())
 
 
 # -- numbers --------------------------------------------------------------------------------------
@@ -425,5 +429,5 @@ def test_few_cameras_are_groups_of_their_own_and_many_are_one(monkeypatch):
 def test_the_precision_of_what_has_not_converged_is_marked() -> None:
     begun = adjust(small_block(), max_iterations=1)
     assert not begun.converged
-    assert protocol(begun).count("not converged: standard deviations belong to the place") == 2
-    assert "standard deviations belong to the place" not in protocol(solution())
+    assert text_report(begun).count("not converged: standard deviations belong to the place") == 2
+    assert "standard deviations belong to the place" not in text_report(solution())
