@@ -14,7 +14,8 @@ from ..adjustment import largest_determined_part
 from ..errors import AdjustmentError, InputError, Problem, known, similar
 from ..export.formats import EXPORT_FORMATS, ExportTarget, export_target, format_list
 from ..files import refuse_replacing
-from ..io.project import AdjustOptions, Project
+from ..io.adjustment_options import AdjustOptions
+from ..io.project import Project
 from ..io.writers import WRITERS
 from ..network.network import Network
 from ..quality.observation_groups import GroupRule

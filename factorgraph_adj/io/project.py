@@ -27,6 +27,7 @@ from ..observations import KINDS
 from ..stochastic_model import COMBINATIONS
 from ..units import LENGTH
 from ..validate.network_structure import check
+from .adjustment_options import AdjustOptions, adjust_options
 from .crs_section import read_crs_section
 from .csv_tables import CsvTable, FieldRow, read_table
 from .numbers import Units
@@ -61,7 +62,6 @@ FRAME_KEYS = {
 TABLE_ENDINGS = ("csv", "txt", "csv.txt")
 """Endings of names of files that may be meant as tables."""
 CAMERA_KEYS = ("name", "lens", "unit", "y_axis", "per_photo", "format", "origin", "parameters")
-VarianceChoice = Literal["a-priori", "a-posteriori"]
 
 
 def project_table_names() -> tuple[str, ...]:
@@ -69,16 +69,6 @@ def project_table_names() -> tuple[str, ...]:
     parameters = (parameter_table(k).file for k in parameter_kinds())
     named = ("points", "photos", "images", "observations", "covariances", "doubts", "readings")
     return (*named, *parameters)
-
-
-@dataclass(frozen=True)
-class AdjustOptions:
-    """Options of the adjustment that the project states."""
-
-    variance: VarianceChoice = "a-priori"
-    """Variance of unit weight that scales standard deviations."""
-    max_iterations: int = 100
-    """Largest number of iterations of the adjustment."""
 
 
 @dataclass(frozen=True)
@@ -103,9 +93,19 @@ class Project:
         """Units of the project's files and reports."""
         return self.context.units
 
+    def network_alone(self) -> Network:
+        """Return the network without the project; a remark names the options that it leaves."""
+        if self.options != AdjustOptions():
+            self.network.remarks.append(self.options.remark)
+        return self.network
+
 
 def read_project(path: str | Path, *, allow_outside: bool = False) -> Network:
     """Read the network of a project.
+
+    What ``[adjust]`` states, such as ``variance = "a-posteriori"``, is for the command: `adjust`
+    and the other functions take it as arguments. A remark of the network says so, which reports
+    print.
 
     Args:
         path: the TOML file, or the folder that has it as ``project.toml``.
@@ -115,7 +115,7 @@ def read_project(path: str | Path, *, allow_outside: bool = False) -> Network:
     Raises:
         InputError: all problems, each with file and line or key.
     """
-    return load_project(path, allow_outside=allow_outside).network
+    return load_project(path, allow_outside=allow_outside).network_alone()
 
 
 def load_project(
@@ -169,7 +169,9 @@ def load_project(
         dimension = 3
     axes = _cameras(document, network, path.name, problems)
     sigma = _sigma_defaults(document, path.name, problems)
-    options = _options(_table(document, "adjust", path.name, problems))
+    adjust = _table(document, "adjust", path.name, problems)
+    _refuse_other_keys(adjust, tuple(f.name for f in fields(AdjustOptions)))
+    options = adjust_options(adjust)
     found_tables = _tables(_table(document, "files", path.name, problems), path, allow_outside)
     reader = UnknownsReader(network, units, cast(Dimension, dimension or 3), problems)
     reader.cameras_named = _names_cameras(document)
@@ -449,16 +451,6 @@ def _sigma_defaults(
     if whole.failed:
         return {kind: placeholder_sigma(kind) for kind in KINDS} | out
     return out
-
-
-def _options(row: FieldRow) -> AdjustOptions:
-    _refuse_other_keys(row, tuple(f.name for f in fields(AdjustOptions)))
-    variance = row.choice("variance", ("a-priori", "a-posteriori"), "a-priori")
-    most = row.take("max_iterations")
-    if most is not None and (not isinstance(most, int) or isinstance(most, bool) or most < 1):
-        row.wrong(f"max_iterations must be a whole number from 1, not {most!r}")
-        most = None
-    return AdjustOptions(cast(VarianceChoice, variance), 100 if most is None else most)
 
 
 def _tables(row: FieldRow, path: Path, allow_outside: bool) -> dict[str, CsvTable | None]:

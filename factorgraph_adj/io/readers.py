@@ -230,7 +230,7 @@ def read(path: str | Path, *, format: str | None = None, **options: Any) -> Netw
             valid suffixes), the reader has no such option, or the file has problems (all are
             listed).
     """
-    return READERS.load(path, format=format, options=options).network
+    return READERS.load(path, format=format, options=options).network_alone()
 
 
 def _refuse_table_of_project(source: Path) -> None:

@@ -11,16 +11,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import factorgraph_adj as fga
 from factorgraph_adj import observations as o
 from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.ellipsoid import ellipsoid
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.io import numbers
+from factorgraph_adj.io.adjustment_options import AdjustOptions
 from factorgraph_adj.io.numbers import Units
 from factorgraph_adj.io.observation_fields import ImageAxes, RecordContext, vector_fields
 from factorgraph_adj.io.observation_records import observation_from_record, observation_record
-from factorgraph_adj.io.project import AdjustOptions, load_project, read_project
+from factorgraph_adj.io.project import load_project, read_project
 from factorgraph_adj.io.project_writer import exact_angles, write_project
 from factorgraph_adj.io.survey.gama import read_gama
 from factorgraph_adj.models import lens
@@ -408,6 +410,18 @@ def test_the_project_may_say_how_it_wants_to_be_adjusted(tmp_path):
     assert load_project(write(tmp_path, project=project)).options == AdjustOptions(
         "a-posteriori", 7
     )
+
+
+def test_a_network_without_its_project_says_which_options_it_leaves(tmp_path):
+    """The command scales standard deviations as the project states; `adjust` as it is called."""
+    project = PROJECT + '[adjust]\nvariance = "a-posteriori"\n'
+    folder = write(tmp_path, project=project)
+    for network in (read_project(folder), fga.read(folder)):
+        (remark,) = network.remarks
+        assert "variance='a-posteriori' in [adjust]" in remark and "iterations" not in remark
+        assert " ".join(remark.split()) in " ".join(fga.text_report(fga.adjust(network)).split())
+    assert not load_project(folder).network.remarks
+    assert not read_project(write(tmp_path / "usual")).remarks
 
 
 def test_a_folder_stands_for_its_project_toml(tmp_path):

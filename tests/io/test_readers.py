@@ -15,10 +15,11 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.errors import InputError
+from factorgraph_adj.io.adjustment_options import AdjustOptions
 from factorgraph_adj.io.format_reader import NetworkReader, Reader
 from factorgraph_adj.io.photogrammetry import bundler
 from factorgraph_adj.io.photogrammetry.bundler import read_bal
-from factorgraph_adj.io.project import AdjustOptions, read_project
+from factorgraph_adj.io.project import read_project
 from factorgraph_adj.io.readers import READERS, Readers
 from factorgraph_adj.io.source import TextSource
 from factorgraph_adj.io.survey import gsi
