@@ -443,6 +443,40 @@ def _transform(solution: Solution) -> STransform | None:
     return STransform(solution.datum.basis, *cross)
 
 
+@dataclass(frozen=True, eq=False)
+class PointRedundancy:
+    """Redundancy of the observations of each point, arrays over all points (n,)."""
+
+    rows: Index
+    """Number of scalar observations of the point."""
+    uncontrolled: Index
+    """Number of these observations that no other observation controls."""
+    redundancy: Array
+    """Sum of their redundancy numbers."""
+
+    @property
+    def mean(self) -> Array:
+        """Mean redundancy number of each point, at least 0; NaN without observations."""
+        return np.asarray(np.maximum(self.redundancy, 0.0) / np.where(self.rows, self.rows, np.nan))
+
+
+def point_redundancy(rel: Reliability) -> PointRedundancy:
+    """Return the number of observations and the redundancy of each point."""
+    equations = rel.solution.equations
+    n = len(equations.unknowns["point"].names)
+    out = PointRedundancy(np.zeros(n, np.intp), np.zeros(n, np.intp), np.zeros(n))
+    for block in equations.blocks:
+        shape = block.observed.shape
+        r = rel.redundancy_numbers[block.rows].reshape(shape).sum(axis=1)
+        open_rows = np.sum(~rel.controlled[block.rows].reshape(shape), axis=1)
+        for kind, index in block.variables:
+            if kind == "point":
+                np.add.at(out.rows, index, block.dimension)
+                np.add.at(out.uncontrolled, index, open_rows)
+                np.add.at(out.redundancy, index, r)
+    return out
+
+
 def stiff_ties(rel: Reliability) -> Mask:
     """Return which rows belong to stiff ties of the model, (n_rows,).
 

@@ -13,9 +13,9 @@ import numpy as np
 
 from ..quality.error_effects import row_place, unit_error_shifts
 from ..quality.group_tests import GroupReliability
-from ..quality.reliability import Reliability
+from ..quality.reliability import Reliability, point_redundancy
 from ..statistical_tests import global_test
-from ..types import Array, Index, Mask
+from ..types import Mask
 from ..units import decimal, significant
 from .adjusted_observations import lists_every_observation, redundancy_text
 from .adjustment_report import Report
@@ -44,35 +44,6 @@ class WeakPoint:
     """Largest shift of the point by a smallest detectable error, metres: length of the vector."""
     row: int
     """Scalar row of the observation with this error."""
-
-
-@dataclass(frozen=True, eq=False)
-class PointRedundancy:
-    """Redundancy of the observations of each point, arrays over all points (n,)."""
-
-    rows: Index
-    """Number of scalar observations of the point."""
-    uncontrolled: Index
-    """Number of these observations that no other observation controls."""
-    redundancy: Array
-    """Sum of their redundancy numbers."""
-
-
-def point_redundancy(rel: Reliability) -> PointRedundancy:
-    """Return the number of observations and the redundancy of each point."""
-    equations = rel.solution.equations
-    n = len(equations.unknowns["point"].names)
-    out = PointRedundancy(np.zeros(n, np.intp), np.zeros(n, np.intp), np.zeros(n))
-    for block in equations.blocks:
-        shape = block.observed.shape
-        r = rel.redundancy_numbers[block.rows].reshape(shape).sum(axis=1)
-        open_rows = np.sum(~rel.controlled[block.rows].reshape(shape), axis=1)
-        for kind, index in block.variables:
-            if kind == "point":
-                np.add.at(out.rows, index, block.dimension)
-                np.add.at(out.uncontrolled, index, open_rows)
-                np.add.at(out.redundancy, index, r)
-    return out
 
 
 def weakest_points(rel: Reliability, most: int) -> list[WeakPoint]:
@@ -237,6 +208,7 @@ def _weakest_points(report: Report, rel: Reliability) -> list[str]:
     if not found:
         return []
     points, number = point_redundancy(rel), report.solution.equations.unknowns["point"].number
+    mean = points.mean
     rows = []
     for p, row in zip(found, report.rows.at([p.row for p in found]), strict=True):
         i = number[p.name]
@@ -244,7 +216,7 @@ def _weakest_points(report: Report, rel: Reliability) -> list[str]:
             [
                 p.name,
                 str(points.rows[i]),
-                f"{max(points.redundancy[i] / points.rows[i], 0.0):.2f}",
+                f"{mean[i]:.2f}",
                 str(points.uncontrolled[i] or "–"),
                 _length(p.effect, report),
                 f"{row.kind_name} {row.what}",

@@ -23,12 +23,13 @@ from factorgraph_adj.network.network import Network
 from factorgraph_adj.quality.error_ellipses import error_ellipse, error_ellipsoid, height_interval
 from factorgraph_adj.quality.parameter_significance import significance
 from factorgraph_adj.quality.rejections import RejectedPoint, Round, Unresolved
+from factorgraph_adj.quality.reliability import point_redundancy
 from factorgraph_adj.quality.snooping import snoop
 from factorgraph_adj.quality.variance_components import estimate_variance_components
 from factorgraph_adj.report import layout
 from factorgraph_adj.report.adjustment_report import Report
 from factorgraph_adj.report.options import Provenance, ReportOptions
-from factorgraph_adj.report.reliability import point_redundancy, weakest_points
+from factorgraph_adj.report.reliability import weakest_points
 from factorgraph_adj.report.result_files import write_solution, write_tables
 from factorgraph_adj.report.text import render_text, text_report
 from factorgraph_adj.units import ANGLE
@@ -222,7 +223,21 @@ def test_every_point_counts_its_observations():
         mine = [k for k, points in enumerate(touched) if name in points]
         assert found.rows[i] == len(mine)
         assert found.redundancy[i] == pytest.approx(rel.redundancy_numbers[mine].sum())
+        assert found.mean[i] == pytest.approx(rel.redundancy_numbers[mine].mean())
         assert found.uncontrolled[i] == 0
+
+
+def test_mean_redundancy_of_points_is_none_without_observations_and_not_negative():
+    """E hangs on one line, whose r is 0 but for rounding; F has no observation."""
+    network = levelling()
+    network.add_point("F", (0, 0, 0), fixed="xyz")
+    s = adjust(network)
+    found = point_redundancy(fga.reliability(s))
+    number = s.equations.unknowns["point"].number
+    assert 0.0 <= found.mean[number["E"]] < 1e-9
+    assert np.isnan(found.mean[number["F"]])
+    below = replace(found, redundancy=np.full(len(found.rows), -1e-17))
+    assert set(below.mean[found.rows > 0].tolist()) == {0.0}
 
 
 def test_a_small_network_lists_each_observation_once():

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...graph.variables import camera_of_calibration
 from ...quality.point_precision import check_points as compare
+from ...quality.reliability import point_redundancy
 from ...units import decimal
 from ..adjusted_coordinates import (
     lines_table,
@@ -20,7 +21,6 @@ from ..catalogue import Texts
 from ..frames_and_shapes import shapes_table
 from ..layout import percent
 from ..plots.point_symbols import point_status
-from ..reliability import point_redundancy
 from ..tables import NO_FIGURE, Column, FiguresByNumber, Sheet, as_html
 from ..unknowns import (
     STRONG_CORRELATION,
@@ -78,13 +78,11 @@ def _redundancy(report: Report) -> list[Column[AdjustedPoint]]:
     if report.reliability is None:
         return []
     counts = point_redundancy(report.reliability)
-    mean = np.where(counts.rows > 0, counts.redundancy / np.maximum(counts.rows, 1), np.nan)
     largest = FiguresByNumber(largest_tests(report))
-    mean_r = FiguresByNumber(np.maximum(mean, 0.0))
     name = f"max |{'τ' if report.pope else 'w'}|"
     return [
         Column(title="scalars", value=FiguresByNumber(counts.rows)),
-        Column(title="mean_r", value=mean_r, digits=2, help="r"),
+        Column(title="mean_r", value=FiguresByNumber(counts.mean), digits=2, help="r"),
         Column(title=name, value=largest, digits=2, help="test"),
     ]
 

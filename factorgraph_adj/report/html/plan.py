@@ -15,6 +15,7 @@ import numpy as np
 
 from ...frames import GeocentricFrame
 from ...quality.error_ellipses import FIXED_AXIS_VARIANCE_RATIO
+from ...quality.reliability import point_redundancy
 from ...statistical_tests import CONFIDENCE_OF_REGION
 from ...types import Array, Index
 from ..adjusted_coordinates import place_name
@@ -34,7 +35,6 @@ from ..plots.network_plan import frame_contents, order_along_lines
 from ..plots.observation_lines import lines_by_kinds, observation_places, photo_outlines
 from ..plots.point_symbols import plan_window
 from ..plots.style import factor_text, length_text, readable_number
-from ..reliability import point_redundancy
 from .estimates import POINT_STATES, largest_tests, point_states
 
 MAX_DOUBTS_MARKED = 300
@@ -191,9 +191,7 @@ class PlanDrawing:
             else rounded_or_none(self.precision.height),
         }
         if report.reliability is not None:
-            counts = point_redundancy(report.reliability)
-            with np.errstate(invalid="ignore"):
-                out["r"] = rounded_or_none(np.maximum(counts.redundancy, 0.0) / counts.rows)
+            out["r"] = rounded_or_none(point_redundancy(report.reliability).mean)
         return out
 
     def _ellipses(self) -> list[list[float | None]]:

@@ -9,6 +9,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from ...quality.point_precision import check_points
+from ...quality.reliability import point_redundancy
 from ...statistical_tests import global_test
 from ...units import LENGTH
 from ..adjusted_observations import test_symbol
@@ -23,7 +24,6 @@ from ..doubtful_results import (
 from ..epochs_report import EpochsReport
 from ..layout import listed, percent, short
 from ..misfit_causes import all_doubts
-from ..reliability import point_redundancy
 
 LightColour: TypeAlias = Literal["green", "amber", "red", "none"]
 """State of a light; ``none``: nothing to judge."""
