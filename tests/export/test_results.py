@@ -15,6 +15,7 @@ from factorgraph_adj.report.options import Provenance, ReportOptions, Run
 from factorgraph_adj.report.result_files import write_solution
 from tests.networks.mapped import geocentric, in_plane, in_utm
 from tests.networks.small_block import blundered, images_only
+from tests.support.described import assert_described
 
 
 def free():
@@ -93,9 +94,8 @@ def test_a_result_says_where_it_began_what_was_left_out_and_what_is_striking(tmp
 
 @pytest.mark.parametrize("name", RESULTS)
 def test_results_are_as_the_schema_says(name, tmp_path):
-    jsonschema = pytest.importorskip("jsonschema")
     found = written(RESULTS[name](), tmp_path)
-    jsonschema.validate(found, fga.results_schema())
+    assert_described(found)
     assert found["$schema"] == fga.results_schema()["$id"]
     assert found["format"] == fga.results_schema()["properties"]["format"]["const"]
 

@@ -47,6 +47,7 @@ from tests.networks.exchanged_day import day
 from tests.networks.pixel_block import pixel_block
 from tests.networks.small_block import small_block
 from tests.networks.trilateration import trilateration
+from tests.support.described import assert_only_added
 from tests.support.pages import data_of
 from tests.support.printed import row, section
 
@@ -85,8 +86,9 @@ def test_a_figure_of_quality_that_is_added_appears_in_every_rendering(
     at = header.split(",").index("inner_reliability")
     assert [float(r.split(",")[at]) for r in rows] == pytest.approx(expected)
 
-    written = json.loads(results_text(report))["observations"]["inner_reliability"]
-    assert written == pytest.approx(expected)
+    results = json.loads(results_text(report))
+    assert_only_added(results, "inner_reliability")
+    assert results["observations"]["inner_reliability"] == pytest.approx(expected)
 
     table = rel.table()
     assert table["inner_reliability"] == pytest.approx(expected)
@@ -126,8 +128,9 @@ def test_a_figure_of_points_that_is_added_appears_in_every_rendering(
     at = header.split(",").index("mean_error")
     assert [float(r.split(",")[at]) for r in rows] == pytest.approx(expected / 1e-3)
 
-    written = json.loads(results_text(report))["points"]
-    assert [p["mean_error"] for p in written.values()] == pytest.approx(expected)
+    results = json.loads(results_text(report))
+    assert_only_added(results, "mean_error")
+    assert [p["mean_error"] for p in results["points"].values()] == pytest.approx(expected)
 
     table = solution.point_table()
     assert table["mean_error"] == pytest.approx(expected)
@@ -169,8 +172,9 @@ def test_a_figure_of_photos_that_is_added_appears_in_every_rendering(
     at = header.split(",").index("mean_error")
     assert [float(r.split(",")[at]) for r in rows] == pytest.approx(expected / 1e-3)
 
-    written = json.loads(results_text(report))["photos"]
-    assert [p["mean_error"] for p in written.values()] == pytest.approx(expected)
+    results = json.loads(results_text(report))
+    assert_only_added(results, "mean_error")
+    assert [p["mean_error"] for p in results["photos"].values()] == pytest.approx(expected)
     assert solution.photo_table()["mean_error"] == pytest.approx(expected)
 
 
@@ -218,6 +222,7 @@ def test_a_figure_of_unknowns_that_is_added_appears_in_every_rendering(
         assert float(found["relative_sigma"]) == pytest.approx(figure / 1e-3)
 
     written = json.loads(results_text(report))
+    assert_only_added(written, "relative_sigma")
     of_camera = written["calibrations"]["D3"]
     at = of_camera["parameters"].index("c")
     (scale_written,) = (u for u in written["others"] if u["component"] == "scale")
