@@ -36,7 +36,7 @@ from factorgraph_adj.units import ANGLE
 from tests.networks.exchanged_day import day
 from tests.networks.simulated import NETWORKS, gnss, levelling
 from tests.networks.small_block import blundered, box, small_block
-from tests.support.printed import assert_printed, row, section
+from tests.support.printed import assert_printed, cells, row, section
 
 LONG = pytest.mark.slow("tables after many rejections; short tests print those of few")
 
@@ -410,32 +410,32 @@ def test_ellipses_stand_beside_coordinates_where_they_are_asked_for(variance):
     text = text_report(s, ReportOptions(confidence=0.95))
     for name in ("P1", "P7"):
         e = error_ellipse(s, name)
-        words = row(text, "Adjusted coordinates", name)
-        assert_printed(words[-3], 1000 * e.semi_axes[0])
-        assert_printed(words[-2], 1000 * e.semi_axes[1])
-        assert_printed(words[-1], e.azimuth / ANGLE["gon"])
+        found = cells(text, "Adjusted coordinates", name)
+        assert_printed(found["a"], 1000 * e.semi_axes[0])
+        assert_printed(found["b"], 1000 * e.semi_axes[1])
+        assert_printed(found["azimuth a"], e.azimuth / ANGLE["gon"])
     assert f"95 % error ellipses in the horizon, {e.factor:.3f} × standard ellipse" in text
-    assert row(text, "Adjusted coordinates", "S1")[-1] == "held"
+    held = cells(text, "Adjusted coordinates", "S1")
+    assert [held[k] for k in ("σz", "a", "b", "azimuth a")] == ["held", "", "", ""]
 
 
 def test_azimuths_follow_the_unit_of_angles():
     s = solution()
     azimuth = error_ellipse(s, "P1").azimuth
     text = text_report(s, ReportOptions(confidence=0.9, units=Units(angle="dms")))
-    word = row(text, "Adjusted coordinates", "P1")[-1]
+    word = cells(text, "Adjusted coordinates", "P1")["azimuth a"]
     degrees, minutes, seconds = (int(part) for part in word.split("-"))
     assert degrees + minutes / 60 + seconds / 3600 == pytest.approx(np.degrees(azimuth), abs=2e-4)
     text = text_report(s, ReportOptions(confidence=0.9, units=Units(angle="cc")))
-    assert float(row(text, "Adjusted coordinates", "P1")[-1]) == pytest.approx(
-        azimuth / ANGLE["cc"], abs=500
-    )
+    word = cells(text, "Adjusted coordinates", "P1")["azimuth a"]
+    assert float(word) == pytest.approx(azimuth / ANGLE["cc"], abs=500)
 
 
 def test_heights_alone_have_intervals():
     s = adjust(levelling())
     text = text_report(s, ReportOptions(confidence=0.99))
     interval = height_interval(s, "C", confidence=0.99)
-    assert_printed(row(text, "Adjusted coordinates", "C")[-1], 1000 * interval.half_width)
+    assert_printed(cells(text, "Adjusted coordinates", "C")["± z"], 1000 * interval.half_width)
     assert "± z: 99 % interval, 2.576 σ" in text
     assert "ellips" not in text
 

@@ -33,7 +33,7 @@ from factorgraph_adj.rotation import (
 from factorgraph_adj.statistical_tests import global_test
 from factorgraph_adj.units import ANGLE
 from tests.networks.small_block import CHECKED, box, plan, small_block
-from tests.support.printed import assert_printed, row, section
+from tests.support.printed import assert_printed, cells, row, section
 
 
 @cache
@@ -106,13 +106,14 @@ def test_a_confidence_that_is_none_is_refused():
 def test_coordinates_stand_with_their_standard_deviations():
     s, text = solution(), text_report(solution())
     for name in box():
-        words = row(text, "Adjusted coordinates", name)
-        for word, value in zip(words[1:4], s.point(name), strict=True):
-            assert_printed(word, value)
-        for word, value in zip(words[4:], s.standard_deviations(name) * 1000, strict=True):
-            assert_printed(word, value)
-    assert row(text, "Adjusted coordinates", "S1")[4:] == ["held"] * 3
-    assert row(text, "Adjusted coordinates", "S2")[4] == "held"
+        found = cells(text, "Adjusted coordinates", name)
+        for axis, value in zip("xyz", s.point(name), strict=True):
+            assert_printed(found[axis], value)
+        for axis, value in zip("xyz", s.standard_deviations(name) * 1000, strict=True):
+            assert_printed(found[f"σ{axis}"], value)
+    held = cells(text, "Adjusted coordinates", "S1")
+    assert [held[f"σ{axis}"] for axis in "xyz"] == ["held"] * 3
+    assert cells(text, "Adjusted coordinates", "S2")["σx"] == "held"
 
 
 def test_coordinates_stand_in_the_units_of_the_project():
