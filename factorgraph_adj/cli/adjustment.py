@@ -9,6 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import get_args
 
+from ..control_characters import escaped
 from ..errors import InputError, Problem
 from ..files import refuse_replacing
 from ..io.file_transaction import one_transaction
@@ -40,6 +41,7 @@ from ..statistical_tests import ALPHA_OF_OBSERVATION, POWER_OF_TEST
 from ..units import significant
 from .input import PROJECT_HELP, add_project, add_reading, read_input
 from .messages import (
+    EXIT_CODES,
     EXIT_DOUBTFUL,
     EXIT_FINE,
     ShowProgress,
@@ -170,6 +172,7 @@ def _verdict_of_parts(solution: PartsSolution) -> int:
 
 def add_adjust(run: argparse.ArgumentParser) -> None:
     """Add the arguments of ``adjust``."""
+    run.epilog = EXIT_CODES
     run.add_argument("project", metavar="PROJECT", nargs="+", help=PROJECT_HELP)
     add_reading(run)
     run.add_argument("--out", metavar="DIR", help="write report, results.json and CSV tables")
@@ -224,6 +227,7 @@ def add_adjust(run: argparse.ArgumentParser) -> None:
 
 def add_plot(plot: argparse.ArgumentParser) -> None:
     """Add the arguments of ``plot``."""
+    plot.epilog = EXIT_CODES
     add_project(plot)
     plot.add_argument("--out", metavar="DIR", required=True, help="where the figures go")
     plot.add_argument("--format", choices=("png", "svg", "pdf"), default="png", help="(png)")
@@ -414,7 +418,8 @@ def _verdict(found: AdjustedProject, report: Report) -> int:
     ):
         print(said, file=sys.stderr)
     if found.snooping is not None and (aside := len(found.snooping.rejected_ids)):
-        print(f"{aside} observation{'s' * (aside != 1)} rejected", file=sys.stderr)
+        first = f"{', the first' * (aside > 1)}: {escaped(found.snooping.first_name)}"
+        print(f"{aside} observation{'s' * (aside != 1)} rejected{first}", file=sys.stderr)
     doubts = all_doubts(report)
     for doubt in doubts:
         print(doubt, file=sys.stderr)

@@ -20,7 +20,14 @@ from ..control_characters import escaped
 from ..errors import AdjustmentError, ApproximationError, InputError, Problem, known, similar
 from ..files import FilesOfRun, keeping_inputs
 from ..version import __version__
-from .messages import EXIT_BAD_INPUT, EXIT_FAULT, EXIT_FINE, EXIT_INTERRUPTED, print_problems
+from .messages import (
+    EXIT_BAD_INPUT,
+    EXIT_CODES,
+    EXIT_FAULT,
+    EXIT_FINE,
+    EXIT_INTERRUPTED,
+    print_problems,
+)
 
 _CHOICE = re.compile(r"invalid choice: '(.*?)' \(choose from (.*)\)")
 _OPTION = re.compile(r"unrecognized arguments: (--[\w-]+)")
@@ -193,8 +200,7 @@ def _parser() -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = SuggestingParser(
         prog="factorgraph-adj",
         description="Combined adjustment of terrestrial and photogrammetric observations.",
-        epilog="exit codes: 0 fine; 1 not converged, global test failed, or gross errors left; "
-        "2 bad input",
+        epilog=EXIT_CODES,
     )
     version = f"factorgraph-adj {__version__}".strip()
     parser.add_argument("--version", action="version", version=version)

@@ -36,7 +36,7 @@ from ..report.doubtful_results import unknowns_left_out
 from ..units import LENGTH
 from ..validate.network_structure import problems_with_lines
 from .input import add_project, read_input
-from .messages import EXIT_DOUBTFUL, EXIT_FINE
+from .messages import EXIT_DOUBTFUL, EXIT_FINE, FURTHER_EXIT_CODES
 from .options import add_leave_out, add_probabilities, positive_count
 
 DEFAULT_ROWS_LISTED = 20
@@ -51,7 +51,7 @@ def add_plan(look: argparse.ArgumentParser) -> None:
     )
     look.epilog = (
         "exit codes: 0 all targets are met, or there are none; 1 a target is not met; "
-        "2 bad input, or the design is not determined"
+        f"{FURTHER_EXIT_CODES}; 2 also where the design is not determined"
     )
     add_project(look)
     look.add_argument("--targets", metavar="FILE", help="TOML with [[target]] tables to check")
@@ -67,7 +67,7 @@ def add_propose(wish: argparse.ArgumentParser) -> None:
     )
     wish.epilog = (
         "exit codes: 0 a proposal was found, or nothing has to be added; 1 the targets "
-        "cannot be met; 2 bad input, or the design is not determined"
+        f"cannot be met; {FURTHER_EXIT_CODES}; 2 also where the design is not determined"
     )
     add_project(wish)
     wish.add_argument(

@@ -28,6 +28,13 @@ EXIT_FAULT = 3
 EXIT_INTERRUPTED = 130
 """The user interrupted the command: 128 + the number of SIGINT, the convention of shells."""
 
+FURTHER_EXIT_CODES = "2 bad input; 3 a fault of the program; 130 interrupted"
+"""The exit codes that all commands have in common, for their help."""
+EXIT_CODES = (
+    "exit codes: 0 fine; 1 not converged, global test failed, or gross errors left; "
+    f"{FURTHER_EXIT_CODES}"
+)
+"""The exit codes of adjustments, for the help."""
 
 MAX_PROBLEMS_OF_KIND = 10
 """Largest number of problems of one kind that are listed one by one."""

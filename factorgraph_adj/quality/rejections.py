@@ -177,12 +177,15 @@ class Snooping(Shown):
 
     def headline(self) -> str:
         """Return the numbers of rejected observations and points, and why the search ended."""
-        factors = len(self.rejected_factors)
-        own = f", {factors} factors" if factors else ""
+        counts = [
+            (len(self.rejected), "observation"),
+            (len(self.rejected_points), "point"),
+            (len(self.rejected_factors), "factor"),
+        ]
+        parts = [f"{n} {noun}{'s' * (n != 1)}" for n, noun in counts if n] or ["nothing"]
         return (
-            f"Snooping: {len(self.rejected)} observations and {len(self.rejected_points)} points"
-            f"{own} rejected, {len(self.unresolved)} unresolved, σ̂0 {self.solution.sigma0:.4f}; "
-            f"{self.reason}"
+            f"Snooping: {' and '.join(parts)} rejected, {len(self.unresolved)} unresolved, "
+            f"σ̂0 {self.solution.sigma0:.4f}; {self.reason}"
         )
 
     def first_rows(self) -> Rows:
@@ -218,6 +221,15 @@ class Snooping(Shown):
         """Ids of all observations rejected, the rays of removed points among them."""
         rays = (ray for p in self.rejected_points for ray in p.rays)
         return (*(r.id for r in self.rejected), *rays)
+
+    @property
+    def first_name(self) -> str:
+        """Label of the first observation rejected, or of the worst ray of the first point.
+
+        It is empty where nothing was rejected.
+        """
+        names = [r.label for r in self.rejected[:1]] + [p.label for p in self.rejected_points[:1]]
+        return names[0] if names else ""
 
     @property
     def network(self) -> Network:

@@ -14,7 +14,7 @@ import numpy as np
 from ..control_characters import escaped
 from ..errors import known
 from ..parts.solution import PartsSolution
-from ..quality.rejections import Snooping
+from ..quality.rejections import Rejected, Snooping
 from ..quality.reliability import Reliability
 from ..solve.solution import Solution
 from ..statistical_tests import AdjustmentFigures, global_test
@@ -29,7 +29,7 @@ from .doubtful_results import (
     unknowns_left_out,
 )
 from .html.verdict import LightColour, adjustment_verdict
-from .layout import LINE_WIDTH, clipped, listed, paragraph, percent, short, table
+from .layout import LINE_WIDTH, clipped, paragraph, percent, short, table
 from .observation_rows import Row
 from .options import Provenance
 from .tables import Column, text_cells
@@ -37,14 +37,16 @@ from .text import NO_REDUNDANCY, doubt_lines, global_test_text, note_lines
 
 MAX_LINES = 24
 """Lines of a screen: those of a terminal that nobody has enlarged."""
-MAX_VERDICT_LINES = 6
+MAX_VERDICT_LINES = 5
 """Largest number of lines of the verdict; more would leave no row for the readings."""
 MAX_ROWS = 5
 """Largest number of readings, and of points, that are listed."""
 MAX_LABEL = 60
 """Largest width of the name of a reading, which leaves room for its figures."""
-MAX_IDS = 8
-"""Largest number of observations rejected that are named."""
+MAX_REJECTED = 5
+"""Largest number of rejected observations that are named."""
+REJECTED = "  rejected     "
+"""Beginning of the line of the first rejected observation."""
 WORDS = Texts("en")
 """Words of the verdict."""
 REST = (
@@ -58,7 +60,9 @@ ScreenList = tuple[list[str], list[str], list[list[str]]]
 """Lines above a list, its header and its rows; without rows the lines are alone."""
 R_LEGEND = "r: redundancy number, the share of an error that its residual shows"
 MDB_LEGEND = "∇: smallest error that the test detects"
-ERROR_LEGEND = "error: estimated ∇ of this reading, if it alone is wrong"
+ERROR_LEGEND = (
+    "error: estimated error of the reading (observed − true; w: adjusted − observed), by the test"
+)
 GOOD_LIGHT: LightColour = "green"
 
 
@@ -66,14 +70,16 @@ def summary(solution: Solution) -> str:
     """Return the result of an adjustment on one screen of 24 lines × 100 columns.
 
     It has the verdict, σ̂0 with the global test, counts, the readings with the largest test values,
-    the points with the largest standard deviations, and where the rest is.
+    the points with the largest standard deviations, and where the rest is. The last line does not
+    end, as `print` ends it.
     """
-    return render_summary(Report(solution))
+    return render_summary(Report(solution)).rstrip("\n")
 
 
 def snooping_summary(found: Snooping) -> str:
     """Return the result of data snooping on one screen, see `summary`."""
-    return render_summary(Report(found.solution, provenance=Provenance().with_snooping(found)))
+    report = Report(found.solution, provenance=Provenance().with_snooping(found))
+    return render_summary(report).rstrip("\n")
 
 
 def render_summary(report: Report) -> str:
@@ -86,9 +92,10 @@ def render_summary(report: Report) -> str:
         *_verdict(report),
         *_sigma0(s, fitted=report.components is not None),
         _counts(s, counts),
-        *_set_aside(report),
     ]
-    return _screen(network.name, head, [_readings(report), _points(report)], REST)
+    lists = [_readings(report), _points(report)]
+    left = MAX_LINES - _fixed_lines(head, lists) - sum(min(len(rows), 2) for *_, rows in lists)
+    return _screen(network.name, [*head, *_rejected(report, max(left, 1))], lists, REST)
 
 
 def verdict_line(report: Report) -> str:
@@ -133,14 +140,13 @@ def parts_verdict_line(solution: PartsSolution) -> str:
 
 
 def _w(symbol: str) -> str:
-    what = "w: test value, the residual divided by its σ"
-    return what if symbol == "w" else "τ: test value, the residual divided by its σ, with σ̂0"
+    scale = "" if symbol == "w" else ", with σ̂0"
+    return f"{symbol}: test value, the residual divided by its σ{scale}"
 
 
 def _screen(name: str, head: Sequence[str], lists: Sequence[ScreenList], rest: str) -> str:
     """Return the lines of a screen; lists share what the other lines leave."""
-    fixed = 2 + len(head) + sum(len(above) + bool(rows) for above, _, rows in lists)
-    left = MAX_LINES - fixed
+    left = MAX_LINES - _fixed_lines(head, lists)
     out = [f"Adjustment of {name or 'a network without a name'}", *head]
     for i, (above, header, rows) in enumerate(lists):
         later = [len(r) for _, _, r in lists[i + 1 :]]
@@ -155,6 +161,11 @@ def _screen(name: str, head: Sequence[str], lists: Sequence[ScreenList], rest: s
     return "".join(f"{clipped(escaped(line.rstrip()))}\n" for line in out)
 
 
+def _fixed_lines(head: Sequence[str], lists: Sequence[ScreenList]) -> int:
+    """Return the number of lines of a screen without the rows of its lists."""
+    return 2 + len(head) + sum(len(above) + bool(rows) for above, _, rows in lists)
+
+
 def _verdict(report: Report) -> list[str]:
     """Return the verdict with its reasons, and what is striking."""
     found, notes = adjustment_verdict(report, WORDS), note_lines(report)
@@ -162,7 +173,7 @@ def _verdict(report: Report) -> list[str]:
     if not doubts:
         said = " ".join(notes)
         reasons = [
-            f"{light.title}: {f'{light.text} {light.told}'.strip().rstrip('.')}"
+            f"{light.title}: {f'{light.text} {light.sentence}'.strip().rstrip('.')}"
             for light in found.lights
             if light.colour == found.colour != GOOD_LIGHT
             and (not light.told or light.told not in said)
@@ -210,12 +221,44 @@ def _counts(s: Solution | PartsSolution, network: str) -> str:
     )
 
 
-def _set_aside(report: Report) -> list[str]:
-    """Return the observations that data snooping rejected."""
-    ids = [] if report.snooping is None else list(report.snooping.rejected_ids)
-    if not ids:
+def _rejected(report: Report, most: int) -> list[str]:
+    """Return the observations that data snooping rejected, with their errors, in so many lines.
+
+    The first line has their number; a point rejected with all its rays is one line.
+    """
+    found = report.snooping
+    if found is None or not (n := len(found.rejected_ids)):
         return []
-    return [f"  rejected     {_count(len(ids), 'observation')}: {listed(ids, MAX_IDS)}"]
+    count = _count(n, "observation")
+    shown = min(MAX_REJECTED, most)
+    lines = [_rejected_reading(report, r) for r in found.rejected[:shown]]
+    lines += [
+        (f"{_count(len(p.rays), 'ray')} of point {p.name}", "")
+        for p in found.rejected_points[: shown - len(lines)]
+    ]
+    if rest := len(found.rejected) + len(found.rejected_points) - len(lines):
+        count += f", {rest} of them not listed" if found.rejected else ""
+    starts = [f"{REJECTED}{count}: ", *[" " * len(REJECTED)] * (len(lines) - 1)]
+    return [
+        start + clipped(escaped(name), LINE_WIDTH - len(start) - len(error)) + error
+        for start, (name, error) in zip(starts, lines, strict=True)
+    ]
+
+
+def _rejected_reading(report: Report, found: Rejected) -> tuple[str, str]:
+    """Return the name of a rejected observation with its source, and its error with σ."""
+    aside = report.set_aside
+    if aside is None:
+        return found.label, ""
+    row = aside.find(found.id, found.component)
+    source = f", {row.source}" if row.source else ""
+    fine, error = row.scale.fine, found.estimated_error
+    by = ""
+    if np.isfinite(found.final_error):
+        error = found.final_error
+        by = f" ± {fine.shown(found.final_sigma, None)}"
+    size = fine.shown(row.sign * error, None)
+    return f"{_label(row)}{source}", f", error {size}{by} {fine.name}".rstrip()
 
 
 def _readings(report: Report) -> ScreenList:
@@ -233,7 +276,11 @@ def _readings(report: Report) -> ScreenList:
     legend = (
         f"{_w(symbol)} (*: above the critical |{symbol}| {critical:.2f}); {R_LEGEND}; {MDB_LEGEND}"
     )
-    lines = ["", "Worst readings", *paragraph(f"{legend}; {ERROR_LEGEND}" if above else legend)]
+    lines = [
+        "",
+        "Worst readings",
+        *paragraph("; ".join([legend, *[ERROR_LEGEND] * (above > 0)])),
+    ]
     lines += _caution(report, above)
     cells = zip(*(text_cells(c, shown) for c in columns), strict=True)
     header = [c.heading(WORDS) + ("  " if c.title == symbol else "") for c in columns]
@@ -272,7 +319,15 @@ def _caution(report: Report, above: int) -> list[str]:
             f"this level (α0 = {percent(alpha)})"
         )
     more = "" if report.snooping is not None else "; --snoop goes on from there"
-    return paragraph(f"only the first is to be trusted until it is repaired{more}")
+    which = (
+        "the reading marked * may be wrong"
+        if above == 1
+        else (
+            f"of {above} marked *, only the test of the first is reliable: the others may be "
+            "large because of it"
+        )
+    )
+    return paragraph(f"{which}{more}")
 
 
 def _label(row: Row) -> str:

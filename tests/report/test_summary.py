@@ -11,9 +11,10 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.report.adjustment_report import Report
+from factorgraph_adj.report.html.verdict import adjustment_verdict
 from factorgraph_adj.report.layout import _width as width
 from factorgraph_adj.report.options import Provenance
-from factorgraph_adj.report.summary import MAX_LINES, render_summary, verdict_line
+from factorgraph_adj.report.summary import MAX_LINES, WORDS, render_summary, verdict_line
 from tests.support.places import EXAMPLES
 
 N_POINTS = 6
@@ -71,7 +72,12 @@ def test_a_gross_error_has_the_doubts_of_the_report_and_its_reading_stands_first
     assert float(listed.split()[-4]) == pytest.approx(1000.0 * rel.mdb[row], rel=0.005)
     assert float(listed.split()[-2]) == pytest.approx(1000.0 * rel.estimated_errors[row], rel=0.005)
     words = " ".join(text.split())
-    assert "only the first is to be trusted until it is repaired" in words and "--snoop" in words
+    above = int(np.sum(np.abs(rel.w) > rel.critical_w))
+    assert above > 1
+    assert f"of {above} marked *, only the test of the first is reliable" in words
+    assert "--snoop" in words
+    assert "estimated error of the reading (observed − true; w: adjusted − observed)" in words
+    assert rel.w[row] * rel.estimated_errors[row] < 0 < rel.estimated_errors[row]
 
 
 def test_a_star_that_chance_explains_is_said_to_be_one() -> None:
@@ -87,7 +93,7 @@ def test_a_star_that_chance_explains_is_said_to_be_one() -> None:
     assert verdict(solution.summary()) == "no indication of gross errors"
     expected = round(rel.alpha * np.sum(rel.controlled))
     assert f"of {rel.controlled.sum()} good readings, chance puts about {expected} above" in text
-    assert "only the first is to be trusted" not in text
+    assert "only the test of the first is reliable" not in text
 
 
 def test_the_weakest_points_have_the_largest_standard_deviations() -> None:
@@ -137,7 +143,42 @@ def test_what_was_set_aside_is_named() -> None:
     network = trilateration(blunder=0.05)
     found = fga.snoop(network)
     text = render_summary(Report(found.solution, provenance=Provenance(found, network)))
-    assert "  rejected     1 observation: 0-2" in text
+    gone = found.rejected[0]
+    size, sigma = (f"{1000.0 * x:.3g}" for x in (gone.final_error, gone.final_sigma))
+    name = "  rejected     1 observation: horizontal distance 0 2 (id 0-2)"
+    assert f"{name}, error {float(size):.1f} ± {sigma} mm" in text
+    assert gone.final_error == pytest.approx(0.05, abs=4.0 * gone.final_sigma)
+    lights = adjustment_verdict(
+        Report(found.solution, provenance=Provenance(found, network)), WORDS
+    )
+    told = next(x.sentence for x in lights.lights if x.title == "Data snooping")
+    assert told == found.reason[0].upper() + found.reason[1:] != found.reason
+    assert found.headline().startswith("Snooping: 1 observation rejected, 0 unresolved")
+
+
+def test_of_many_rejected_the_first_are_named_and_the_others_counted() -> None:
+    network = trilateration()
+    wrong = ["0-2", "0-3", "1-4", "2-5", "3-4", "1-5"]
+    for k, ident in enumerate(wrong):
+        reading = network.observations[ident]
+        network.observations[ident] = replace(reading, value=reading.value + 0.5 + 0.3 * k)
+    aside = fga.snoop(network).rejected
+    found = replace(fga.snoop(network), rejected=aside + aside)
+    assert len(aside) >= 3
+    report = Report(found.solution, provenance=Provenance(found, network))
+    lines = render_summary(report).splitlines()
+    at = next(i for i, line in enumerate(lines) if line.startswith("  rejected "))
+    n = len(found.rejected)
+    assert lines[at].startswith(f"  rejected     {n} observations, {n - 5} of them not listed: ")
+    assert all(", error " in line for line in lines[at : at + 5])
+    assert lines[at + 5] == ""
+    assert len(lines) <= MAX_LINES
+
+
+def test_texts_of_a_screen_do_not_end_with_an_end_of_line() -> None:
+    network = trilateration(blunder=0.05)
+    for text in (fga.adjust(network).summary(), fga.snoop(network).summary()):
+        assert text == text.rstrip()
 
 
 def test_without_redundancy_it_says_so() -> None:

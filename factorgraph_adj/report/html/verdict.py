@@ -46,6 +46,14 @@ class Light:
     link: str = ""
     """Name of the part of the page with more about it."""
 
+    @property
+    def sentence(self) -> str:
+        """`told` with a capital where it begins a sentence; names and symbols stay as they are."""
+        word = self.told.partition(" ")[0]
+        begins = not self.text or self.text.endswith(".")
+        plain = word.isascii() and word.isalpha() and len(word) > 1
+        return self.told[0].upper() + self.told[1:] if begins and plain else self.told
+
 
 @dataclass(frozen=True)
 class Verdict:
