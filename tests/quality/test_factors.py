@@ -123,7 +123,7 @@ def test_snooping_sets_a_wrong_factor_aside(test: str) -> None:
     assert [f.name for f in found.reliability.factors] == ["good"]
     batch = fga.adjust(network, extra_factors={"good": factors["good"]})
     np.testing.assert_allclose(found.solution.point("P"), batch.point("P"), atol=1e-8)
-    assert "1 factors rejected" in repr(found)
+    assert "1 factor rejected" in repr(found)
 
 
 def test_snooping_finds_wrong_observations_beside_good_factors() -> None:
