@@ -3,9 +3,9 @@
 
 GTSAM's own optimiser and marginals are compared with ``adjust``: distances and zenith angles from
 three pillars to three new points, with two photos. ``build_graph`` gives a
-``gtsam.NonlinearFactorGraph`` with values, which GTSAM treats like any other
-graph. GTSAM calls back into Python for every factor, so this is for small networks. Conversely,
-the library tests a factor of GTSAM, in a batch or an incremental adjustment.
+``gtsam.NonlinearFactorGraph`` with values, which GTSAM treats like any other graph. GTSAM calls
+back into Python for every factor, so this is for small networks. Conversely, the library tests a
+factor of GTSAM, in a batch or an incremental adjustment.
 """
 
 import gtsam
@@ -68,8 +68,7 @@ g = scale * values.atVector(built.keys.key("calibration", "camera"))[0]
 print(f"{'c, mm':12}{g:14.6f}{(f := solution.calibration('camera')['c']):14.6f}{g - f:14.1e}")
 
 # %%
-# A factor of GTSAM among the observations: a taped distance, in a batch and an incremental
-# adjustment.
+# A factor of GTSAM among the observations: a taped distance, in batch and incremental adjustment.
 tape = {
     "tape": lambda key: gtsam.RangeFactor3(
         key("point", "P"), key("point", "Q"), 6.484, gtsam.noiseModel.Isotropic.Sigma(1, 0.002)

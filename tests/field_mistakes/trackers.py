@@ -74,8 +74,8 @@ def scale(p: Project, frame: str, kinds: tuple[str, ...], by: float) -> None:
     "two targets of a tracker exchanged",
     SNOOP,
     DOUBTFUL,
-    "6 observations rejected more probable than gross errors of single readings: two targets, "
-    "exchanged: 'T09' and 'T12' in frame 'LT1'",
+    "6 observations rejected, the first: observations.csv:28: frame_distance LT1 T12 more probable "
+    "than gross errors of single readings: two targets, exchanged: 'T09' and 'T12' in frame 'LT1'",
     tracked_hall,
 )
 def _(p: Project) -> None:
@@ -97,8 +97,9 @@ def _(p: Project) -> None:
     "a target of a tracker read for another",
     SNOOP,
     DOUBTFUL,
-    "3 observations rejected more probable than gross errors of single readings: the name of the "
-    "target 'T07' in frame 'LT1', which is 'T08'",
+    "3 observations rejected, the first: observations.csv:22: frame_distance LT1 T07 more probable "
+    "than gross errors of single readings: the name of the target 'T07' in frame 'LT1', which is "
+    "'T08'",
     tracked_hall,
 )
 def _(p: Project) -> None:
