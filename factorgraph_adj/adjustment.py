@@ -8,7 +8,7 @@ from typing import Literal, TypeVar, get_args
 
 from .blas_threads import with_one_thread
 from .entities import parameter_name
-from .errors import ApproximationError, DatumError, InputError, UnknownLeftOut, known
+from .errors import ApproximationError, DatumError, InputError, UnknownLeftOut, known, taking
 from .graph.equations import compile_network
 from .graph.observation_selection import without
 from .models.unknown_registry import UNKNOWNS
@@ -271,6 +271,7 @@ def adjust(
     return solution
 
 
+@taking(Network)
 @with_one_thread
 def determined_part(
     network: Network,
@@ -303,6 +304,7 @@ def determined_part(
     return largest_determined_part(network, attempt)[0]
 
 
+@taking(Network)
 def memory_needed(network: Network) -> MemoryEstimate:
     """Estimate the memory that `adjust` and `reliability` take beside the network itself.
 

@@ -1,11 +1,19 @@
-"""Exceptions with lists of problems; records of doubts and of what was left out; similar names."""
+"""Exceptions with lists of problems; doubts; what was left out; valid names and classes."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
+from functools import wraps
+from inspect import signature
+from os import PathLike, fspath
+from types import UnionType
+from typing import ParamSpec, TypeVar, get_args
+
+Given = ParamSpec("Given")
+Found = TypeVar("Found")
 
 MOST_COMPARED = 2_000
 """Largest number of names that are compared with a wrong one, which takes 10 µs for each name."""
@@ -233,6 +241,63 @@ def similar(name: str, names: Collection[str]) -> str:
     there = {n.casefold(): n for n in names if not number or _NUMBER.findall(n) in ([], number)}
     close = get_close_matches(name.casefold(), there, 1)
     return f"; did you mean {there[close[0]]!r}?" if close else ""
+
+
+_SOURCES = {
+    "Network": ("fga.read({0!r})", "fga.read(path), or the network of a solution"),
+    "Solution": ("fga.adjust(fga.read({0!r}))", "fga.adjust(network)"),
+    "Congruence": ("fga.congruence(first, second)", "fga.congruence(first, second)"),
+    "Reliability": ("fga.reliability(fga.adjust(fga.read({0!r})))", "fga.reliability(solution)"),
+}
+"""Where the objects of a computation come from: from a file, and from another object."""
+
+
+def refuse_other_types(value: object, valid: type | UnionType, function: str) -> None:
+    """Refuse an object that a function cannot take, such as the path of a project for a network.
+
+    Args:
+        value: what was given.
+        valid: the class, or classes, that the function takes.
+        function: its name.
+
+    Raises:
+        InputError: which classes are valid, and what returns one of them.
+    """
+    if isinstance(value, valid):
+        return
+    names = [cls.__name__ for cls in get_args(valid) or (valid,)]
+    path = fspath(value) if isinstance(value, str | PathLike) else None
+    given = "None" if value is None else f"an object of {type(value).__name__}"
+    listed = " or ".join(filter(None, (", ".join(names[:-1]), names[-1])))
+    what = f"{function} takes a {listed}, not {given if path is None else repr(path)}"
+    from_file, from_object = next((_SOURCES[n] for n in names if n in _SOURCES), ("", ""))
+    if from_file:
+        what += f": give {from_object if path is None else from_file.format(path)}"
+    raise InputError(what)
+
+
+def taking(
+    valid: type | UnionType,
+) -> Callable[[Callable[Given, Found]], Callable[Given, Found]]:
+    """Return a decorator of functions whose first argument is of some classes.
+
+    Raises:
+        InputError: when the function is called with something else, see `refuse_other_types`.
+    """
+
+    def decorate(function: Callable[Given, Found]) -> Callable[Given, Found]:
+        argument = next(iter(signature(function).parameters))
+
+        @wraps(function)
+        def checked(*args: Given.args, **kwargs: Given.kwargs) -> Found:
+            if args or argument in kwargs:
+                value = args[0] if args else kwargs[argument]
+                refuse_other_types(value, valid, function.__name__)
+            return function(*args, **kwargs)
+
+        return checked
+
+    return decorate
 
 
 class SingularError(AdjustmentError):

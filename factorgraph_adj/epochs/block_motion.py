@@ -22,7 +22,7 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 
 from ..blas_threads import with_one_thread
-from ..errors import DatumError, InputError, Problem, known
+from ..errors import DatumError, InputError, Problem, known, taking
 from ..types import Array
 from .comparison_result import Congruence
 from .congruence_tests import HypothesisTest
@@ -86,6 +86,7 @@ class BlockMotion:
         return values[::-1], vectors[:, ::-1].T
 
 
+@taking(Congruence)
 @with_one_thread
 def block_motion(
     found: Congruence, points: Sequence[str], *, model: MotionModel = "rigid"

@@ -22,7 +22,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from ..blas_threads import with_one_thread
-from ..errors import AdjustmentError, DatumError, InputError, SingularError
+from ..errors import AdjustmentError, DatumError, InputError, SingularError, taking
 from ..solve.solution import Solution
 from ..statistical_tests import ALPHA_OF_MODEL, POWER_OF_TEST, fisher_quantile
 from ..types import Array, Index
@@ -52,6 +52,7 @@ MAX_REPEATED_SEARCHES = 3
 that were stable before."""
 
 
+@taking(Solution)
 @with_one_thread
 def congruence(
     first: Solution,

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, taking
 from ..io.file_transaction import write_files
 from ..network.network import Network
 from ..report.adjustment_report import Report
@@ -86,6 +86,7 @@ PLY_PHOTO_COLOUR = (0, 114, 178)
 """Colour of projection centres."""
 
 
+@taking(ExportedResult)
 def write_dxf(
     result: ExportedResult,
     path: str | Path,
@@ -297,6 +298,7 @@ def _box(found: SolutionMap) -> tuple[Array, Array]:
     return every.min(axis=0), every.max(axis=0)
 
 
+@taking(ExportedResult)
 def write_ply(result: ExportedResult, path: str | Path, *, binary: bool = True) -> None:
     """Write adjusted points, and then projection centres, as the vertices of a PLY file.
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..columns import require_pandas
 from ..epochs.comparison_result import Congruence
-from ..errors import InputError, Problem, known
+from ..errors import InputError, Problem, known, taking
 from ..io.file_transaction import write_files
 from ..io.format_options import fitting_options, options_of, refuse_unknown_options
 from ..io.writers import WRITERS
@@ -46,6 +46,7 @@ POSE_COMPONENTS = ["rx", "ry", "rz", "x", "y", "z"]
 """Components of the covariance of a photo: rotations about the axes of the camera, and X0."""
 
 
+@taking(Solution)
 def to_xarray(solution: Solution) -> xarray.Dataset:
     """Return points, photos and observations with their covariances as a labelled data set.
 
@@ -128,6 +129,7 @@ def to_pandas(solution: Solution) -> dict[str, pandas.DataFrame]:
     return {t.title: t.to_pandas() for t in (*tables, reliability(solution).table())}
 
 
+@taking(Solution)
 def covariance_array(solution: Solution, names: Sequence[str] | None = None) -> xarray.DataArray:
     """Return the joint covariance of points as an array with the names of points and axes.
 
@@ -190,6 +192,7 @@ def _xarray() -> Any:
     return xarray
 
 
+@taking(ExportedResult)
 def write_results(result: ExportedResult, path: str | Path) -> None:
     """Write a result as results.json, the file that ``--out`` of the command writes too.
 
@@ -359,6 +362,7 @@ def export_target(path: str | Path, format: str | None = None) -> ExportTarget:
     return ExportTarget(file, w.name, w.description, w.options, True, w.write)
 
 
+@taking(Network | ExportedResult)
 def write(
     what: Network | ExportedResult,
     path: str | Path,

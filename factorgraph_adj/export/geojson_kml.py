@@ -12,6 +12,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
+from ..errors import taking
 from ..io.file_transaction import write_files
 from ..statistical_tests import CONFIDENCE_OF_REGION
 from ..types import Array
@@ -117,6 +118,7 @@ def _clipped(ring: list[Array], edge: float, sign: float) -> list[Array]:
     return out
 
 
+@taking(ExportedResult)
 def write_geojson(
     result: ExportedResult,
     path: str | Path,
@@ -186,6 +188,7 @@ def geojson_geometry(shape: Array, geometry: Geometry) -> dict[str, Any]:
     return {"type": several, "coordinates": lines}
 
 
+@taking(ExportedResult)
 def write_kml(
     result: ExportedResult,
     path: str | Path,

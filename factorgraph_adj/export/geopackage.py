@@ -20,6 +20,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import taking
 from ..io.file_transaction import write_files
 from ..statistical_tests import CONFIDENCE_OF_REGION
 from ..types import Array
@@ -266,6 +267,7 @@ def _labels(root: ET.Element, column: str) -> None:
     ET.SubElement(settings, "placement", placement="0", dist="1", distUnits="MM")
 
 
+@taking(ExportedResult)
 def write_geopackage(
     result: ExportedResult,
     path: str | Path,

@@ -11,7 +11,7 @@ import gtsam
 import numpy as np
 
 from ..blas_threads import with_one_thread
-from ..errors import DatumError
+from ..errors import DatumError, taking
 from ..graph.blocks import Block
 from ..graph.equations import Equations, compile_network
 from ..graph.factors import Part, held_factor, observation_factor
@@ -116,6 +116,7 @@ class Graph:
         return float(self.graph.error(self.values))
 
 
+@taking(Network | Equations)
 @with_one_thread
 def build_graph(
     network: Network | Equations, *, state: State | None = None, datum: DatumChoice | None = None

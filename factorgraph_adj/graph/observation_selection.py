@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 
 from ..entities import ImageTable, Key, Parameter, parameter_name
-from ..errors import InputError, Problem, known
+from ..errors import InputError, Problem, known, taking
 from ..models.unknown_registry import VariableKind, parameter_kinds
 from ..network.network import Network
 from ..observations import Observation
@@ -24,6 +24,7 @@ Weighted: TypeAlias = tuple[VariableKind, str, int]
 """Kind, name and component of a weighted unknown; component −1 means a whole attitude."""
 
 
+@taking(Network)
 def without(
     network: Network,
     ids: Iterable[str],

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..control_characters import problems_of_names
 from ..entities import Camera, Photo, Point, parameter_key
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, taking
 from ..frames import Frame, GeocentricFrame, LocalFrame
 from ..models.unknown_registry import UnknownKind, parameter_kinds
 from ..network.network import Network
@@ -146,6 +146,7 @@ def _float(value: float) -> str:
     return repr(float(value))
 
 
+@taking(Network)
 def write_project(network: Network, path: str | Path, *, units: Units | None = None) -> None:
     """Write a network as a TOML file with CSV tables beside it; an error writes no file.
 

@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 
 from ..entities import Key, Parameter, Point, parameter_name
-from ..errors import Doubt, InputError, Problem, known
+from ..errors import Doubt, InputError, Problem, known, taking
 from ..frames import Frame, LocalFrame
 from ..models.unknown_registry import UNKNOWNS, parameter_kinds
 from ..observations import FrameVector, Observation
@@ -363,6 +363,7 @@ def _defaults(
                 yield Problem(what, f"network {label!r}")
 
 
+@taking(Network)
 def vectors_in_own_datum(
     network: Network,
     name: str = "GNSS",

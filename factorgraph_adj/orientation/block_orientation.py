@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..blas_threads import with_one_thread
-from ..errors import ApproximationError, InputError, Problem, unknown_name
+from ..errors import ApproximationError, InputError, Problem, taking, unknown_name
 from ..graph.equations import Equations, compile_network
 from ..graph.variables import State
 from ..network.network import DatumChoice, Network
@@ -280,6 +280,7 @@ def _with_poses_and_points(network: Network, state: State) -> Network:
     return out
 
 
+@taking(Network)
 @with_one_thread
 def orient(
     network: Network, *, principal_distances: Mapping[str, Sequence[float]] | None = None

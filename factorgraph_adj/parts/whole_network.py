@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias, overload
 import numpy as np
 
 from .. import adjustment
-from ..errors import AdjustmentError, InputError, Problem, known
+from ..errors import AdjustmentError, InputError, Problem, known, taking
 from ..graph.equations import Equations, compile_network
 from ..graph.image_blocks import ImageIds
 from ..graph.observation_selection import only
@@ -332,6 +332,7 @@ def adjust(
 ) -> PartsSolution: ...
 
 
+@taking(Network)
 def adjust(
     network: Network,
     *,

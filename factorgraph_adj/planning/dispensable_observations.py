@@ -18,7 +18,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ..blas_threads import with_one_thread
-from ..errors import InputError, Problem, known
+from ..errors import InputError, Problem, known, taking
 from ..graph.observation_selection import without
 from ..network.network import Network
 from ..observations.registry import in_image_table
@@ -90,6 +90,7 @@ class Spared(Shown):
         return "\n".join([*lines, *(f"  {i}" for i in self.ids)])
 
 
+@taking(Network)
 @with_one_thread
 def find_sparable(
     network: Network,

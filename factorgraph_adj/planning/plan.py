@@ -26,7 +26,7 @@ import numpy as np
 from ..adjustment import adjust
 from ..blas_threads import with_one_thread
 from ..epochs.congruence_tests import UnitVariance, motion_basis, motion_rank, weight_of_differences
-from ..errors import AdjustmentError, InputError, Problem
+from ..errors import AdjustmentError, InputError, Problem, taking
 from ..network.network import Network
 from ..quality.error_effects import unit_error_shifts
 from ..quality.reliability import Reliability, check_probabilities, reliability
@@ -238,6 +238,7 @@ class Plan(Shown):
         )
 
 
+@taking(Network)
 @with_one_thread
 def plan(
     network: Network,

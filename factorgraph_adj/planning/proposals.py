@@ -23,7 +23,7 @@ import numpy as np
 
 from ..adjustment import determined_part
 from ..blas_threads import with_one_thread
-from ..errors import DatumError, InputError, Problem
+from ..errors import DatumError, InputError, Problem, taking
 from ..graph.equations import compile_network
 from ..network.network import Network
 from ..result_display import Rows, Shown
@@ -119,6 +119,7 @@ class Proposal(Shown):
         return "\n".join(lines)
 
 
+@taking(Network)
 @with_one_thread
 def propose(
     network: Network,

@@ -25,7 +25,7 @@ from functools import partial
 import numpy as np
 
 from ..blas_threads import with_one_thread
-from ..errors import DatumError, InputError, Problem, SingularError, unknown_name
+from ..errors import DatumError, InputError, Problem, SingularError, taking, unknown_name
 from ..graph.equations import Equations, compile_network
 from ..graph.variables import Unknowns
 from ..solve.datum_defects import MOTION_NAMES, FreeDatum, Motion, find_defects, generators
@@ -50,6 +50,7 @@ DATUM_STEP_TOLERANCE = 1e-5
 """Step relative to σ below which a solution has converged; the same value as in `adjust`."""
 
 
+@taking(Solution)
 @with_one_thread
 def s_transform(
     solution: Solution,

@@ -30,6 +30,7 @@ from math import sqrt
 import numpy as np
 
 from ..blas_threads import with_one_thread
+from ..errors import taking
 from ..frames import Frame
 from ..graph.blocks import Block
 from ..models.base import within
@@ -97,6 +98,7 @@ def observed_pairs(network: Network) -> list[tuple[Place, Place]]:
     return list(found.values())
 
 
+@taking(Solution)
 @with_one_thread
 def adjusted_lines(
     solution: Solution,

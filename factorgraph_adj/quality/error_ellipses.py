@@ -25,7 +25,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, taking
 from ..frames import Frame
 from ..models.base import within
 from ..solve.solution import Solution
@@ -145,6 +145,7 @@ class ErrorEllipsoid:
     """Factor k = semi-axes / semi-axes of the standard ellipsoid."""
 
 
+@taking(Solution)
 def error_ellipse(
     solution: Solution,
     a: Place,
@@ -168,6 +169,7 @@ def error_ellipse(
     return solution_ellipses(solution, *_one(solution, a, b), confidence)[0]
 
 
+@taking(Solution)
 def error_ellipsoid(
     solution: Solution,
     a: Place,

@@ -11,7 +11,7 @@ import numpy as np
 from ..adjustment import adjust
 from ..blas_threads import with_one_thread
 from ..entities import parameter_name
-from ..errors import InputError, known
+from ..errors import InputError, known, taking
 from ..models.unknown_registry import UNKNOWNS
 from ..network.network import DatumChoice, Network
 from ..result_display import Rows, Shown
@@ -92,6 +92,7 @@ class Exclusion(Shown):
         return self.solution.vtpv - self.first.vtpv
 
 
+@taking(Network)
 @with_one_thread
 def exclude_insignificant(
     network: Network,

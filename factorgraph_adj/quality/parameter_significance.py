@@ -17,7 +17,7 @@ import numpy as np
 from scipy.sparse import block_diag
 
 from ..blas_threads import with_one_thread
-from ..errors import AdjustmentError, InputError, SingularError, known
+from ..errors import AdjustmentError, InputError, SingularError, known, taking
 from ..models.unknown_registry import UNKNOWNS, VariableKind
 from ..result_display import Rows, Shown
 from ..solve.solution import Solution
@@ -240,6 +240,7 @@ def correlation_text(value: float) -> str:
     return text if "1.000" not in text else f"{value:+.6f}"
 
 
+@taking(Solution)
 @with_one_thread
 def significance(
     solution: Solution,

@@ -12,7 +12,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from ..blas_threads import with_one_thread
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, taking
 from ..result_display import Rows, Shown
 from ..solve.solution import Solution
 from ..types import Array
@@ -78,6 +78,7 @@ class CheckPoints(Shown):
         return _by_axis(np.where(np.isfinite(self.differences), self.sigmas, np.nan) ** 2) ** 0.5
 
 
+@taking(Solution)
 @with_one_thread
 def check_points(solution: Solution) -> CheckPoints:
     """Compare adjusted coordinates with those given as ``check`` of a point.
@@ -204,6 +205,7 @@ class DistancePrecision:
         return 1e6 * self.sigma / self.distance
 
 
+@taking(Solution)
 @with_one_thread
 def distance_precision(solution: Solution, a: Place, b: Place) -> DistancePrecision:
     """Return the precision of the slope distance between two points or projection centres.

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..blas_threads import with_one_thread
-from ..errors import MOST_COMPARED, InputError, Problem, similar
+from ..errors import MOST_COMPARED, InputError, Problem, similar, taking
 from ..graph.equations import Equations, compile_network
 from ..network.network import Network
 from ..observations import AnyObservation, Correlated, Observation
@@ -97,6 +97,7 @@ class Prediction(Shown):
         return slice(start, start + int(self.size[number]))
 
 
+@taking(Solution)
 @with_one_thread
 def predict(
     solution: Solution,

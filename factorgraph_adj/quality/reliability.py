@@ -30,7 +30,7 @@ import numpy as np
 
 from ..blas_threads import with_one_thread
 from ..columns import Columns
-from ..errors import AdjustmentError, InputError, SingularError, unknown_name
+from ..errors import AdjustmentError, InputError, SingularError, taking, unknown_name
 from ..result_display import FIRST, Rows, Shown
 from ..solve.leverages import Leverages, STransform, leverages, point_leverages
 from ..solve.solution import Solution, datum_cross
@@ -322,6 +322,7 @@ class Suspect:
     be in any of these observations."""
 
 
+@taking(Solution)
 @with_one_thread
 def reliability(
     solution: Solution, *, alpha: float = ALPHA_OF_OBSERVATION, power: float = POWER_OF_TEST

@@ -38,7 +38,7 @@ import numpy as np
 
 from ..adjustment import adjust
 from ..blas_threads import with_one_thread
-from ..errors import DatumError, InputError, known
+from ..errors import DatumError, InputError, known, taking
 from ..graph.equations import compile_network
 from ..network.network import DatumChoice, Network
 from ..orientation.choice_of_start import (
@@ -115,6 +115,7 @@ class Robust(Shown):
         )
 
 
+@taking(Network)
 @with_one_thread
 def robust_adjust(
     network: Network,

@@ -23,7 +23,7 @@ import numpy as np
 
 from ..adjustment import adjust
 from ..blas_threads import with_one_thread
-from ..errors import AdjustmentError, DatumError, InputError, Problem, known
+from ..errors import AdjustmentError, DatumError, InputError, Problem, known, taking
 from ..graph.equations import Equations, compile_network
 from ..graph.observation_selection import without
 from ..network.network import DatumChoice, Network
@@ -157,6 +157,7 @@ def _rays(equations: Equations, points: tuple[str, ...]) -> dict[str, tuple[str,
     return {p: tuple(out[number[p]]) for p in points}
 
 
+@taking(Network)
 @with_one_thread
 def snoop(
     network: Network,

@@ -19,7 +19,7 @@ import numpy as np
 
 from ..adjustment import adjust
 from ..blas_threads import with_one_thread
-from ..errors import InputError, known, unknown_name
+from ..errors import InputError, known, taking, unknown_name
 from ..network.network import DatumChoice, Network
 from ..result_display import Rows, Shown
 from ..solve.added_factors import ExtraFactors
@@ -173,6 +173,7 @@ class VarianceComponents(Shown):
         return np.append([c.factor for c in self.components], 1.0)[self.groups.of_row]
 
 
+@taking(Network)
 @with_one_thread
 def estimate_variance_components(
     network: Network,

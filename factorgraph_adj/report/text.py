@@ -7,6 +7,7 @@ from math import isfinite
 
 from ..control_characters import escaped
 from ..epochs.comparison_result import Congruence
+from ..errors import taking
 from ..frames import Frame, GeocentricFrame, LocalFrame
 from ..quality.rejections import Snooping
 from ..solve.solution import Solution
@@ -53,6 +54,7 @@ NO_REDUNDANCY = "no redundancy: no observation checks another"
 COMPASS_WORDS = {"e": "east", "w": "west", "n": "north", "s": "south"}
 
 
+@taking(Solution | Snooping | Congruence)
 def text_report(
     solution: Solution | Snooping | Congruence,
     options: ReportOptions | None = None,

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..entities import Camera, ImageTable, Parameter, Photo, parameter_name
+from ..errors import taking
 from ..graph.blocks import Block
 from ..graph.equations import Equations, compile_network
 from ..graph.variables import State
@@ -97,6 +98,7 @@ class SimulatedNetwork:
     """Ids of the observations that were lost."""
 
 
+@taking(Network)
 def measure(plan: Network, *, seed: Seed, noise: bool = True) -> Network:
     """Return ``plan`` with every observation measured: its true value plus a drawn error.
 

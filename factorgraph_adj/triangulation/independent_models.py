@@ -45,7 +45,7 @@ from scipy.linalg import solve_triangular
 from ..adjustment import adjust
 from ..blas_threads import with_one_thread
 from ..entities import ImageTable
-from ..errors import InputError, Problem, unknown_name
+from ..errors import InputError, Problem, taking, unknown_name
 from ..graph.equations import compile_network
 from ..graph.observation_selection import without
 from ..graph.variables import State
@@ -142,6 +142,7 @@ class RelativeModel(Shown):
         return Correlated(every[:keep], self.covariance[: 3 * keep, : 3 * keep])
 
 
+@taking(Network)
 @with_one_thread
 def relative_model(
     network: Network,
@@ -336,6 +337,7 @@ def photos_of_strips(network: Network) -> list[list[str]]:
     return strips
 
 
+@taking(Network)
 @with_one_thread
 def as_models(
     network: Network,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..blas_threads import with_one_thread
-from ..errors import InputError
+from ..errors import InputError, taking
 from ..graph.equations import compile_rows
 from ..network.network import Network
 from .contradicting_groups import group_contradictions, points_behind_cameras, traverse_scale
@@ -48,6 +48,7 @@ def named_mistakes(
     return tuple({f.cause: f for f in reversed(single) if f.cause}.values())
 
 
+@taking(Network)
 @with_one_thread
 def preliminary(network: Network, *, length: str = "m", angle: str = "gon") -> tuple[Finding, ...]:
     """Check the readings of a network without adjusting it.

@@ -17,7 +17,7 @@ from xml.sax.saxutils import escape
 import numpy as np
 
 from ...crs.terrestrial_frames import TERRESTRIAL_FRAMES
-from ...errors import known
+from ...errors import known, taking
 from ...frames import GeocentricFrame
 from ...network.network import Network
 from ...observations import (
@@ -239,6 +239,7 @@ def station_position(file: XmlSource, at: Element, kind: str, network: Network) 
     return np.asarray(frame.ellipsoid.to_cartesian(*angles)[0])
 
 
+@taking(Network)
 def write_dynaml(
     network: Network,
     path: str | Path,

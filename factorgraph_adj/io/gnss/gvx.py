@@ -15,7 +15,7 @@ from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 
-from ...errors import known
+from ...errors import known, taking
 from ...frames import GeocentricFrame
 from ...network.network import Network
 from ...observations import Correlated, GnssVector, Observation
@@ -252,6 +252,7 @@ def _sessions(file: XmlSource, vectors: dict[str, GvxVector]) -> list[tuple[list
     return groups
 
 
+@taking(Network)
 def write_gvx(
     network: Network,
     path: str | Path,

@@ -20,7 +20,7 @@ from typing import Literal
 
 import numpy as np
 
-from ...errors import InputError, Problem
+from ...errors import InputError, Problem, taking
 from ...frames import EARTH_SCALE_M, Frame, GeocentricFrame, TopocentricFrame
 from ...network.network import Network
 from ...observations import ControlPoint, Correlated, GnssPosition
@@ -291,6 +291,7 @@ def _at_epoch(
     return by @ value, by @ covariance @ by.T
 
 
+@taking(Network | Solution)
 def write_sinex(
     network: Network | Solution, path: str | Path, *, agency: str = "XXX", epoch: float = 2000.0
 ) -> None:

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from ...entities import Camera, Photo
-from ...errors import InputError, Problem, known
+from ...errors import InputError, Problem, known, taking
 from ...models.base import DegenerateError
 from ...network.network import Network
 from ...observations.relative_poses import RelativeRotation
@@ -169,6 +169,7 @@ def rig_records(
     return tuple(records), tuple(frames)
 
 
+@taking(Network | Solution)
 def write_colmap(
     network: Network | Solution,
     path: str | Path,

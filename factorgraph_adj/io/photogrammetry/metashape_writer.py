@@ -9,7 +9,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from ...entities import Camera
-from ...errors import InputError, Problem
+from ...errors import InputError, Problem, taking
 from ...frames import LocalFrame
 from ...network.network import Network
 from ...observations import ControlPoint, PhotoPosition, SlopeDistance
@@ -26,6 +26,7 @@ METASHAPE_PARAMETER_NAMES = {"c": "f", "x0": "cx", "y0": "cy"}
 """Metashape's names of parameters that differ from ours."""
 
 
+@taking(Network)
 def write_metashape(
     network: Network,
     path: str | Path,

@@ -21,7 +21,7 @@ from typing import Literal
 import numpy as np
 
 from ...entities import Camera
-from ...errors import InputError, Problem, known
+from ...errors import InputError, Problem, known, taking
 from ...models.lens import Lens, NormalisedLens
 from ...models.normalised_lens import AffineNormalisedLens, RationalLens
 from ...models.ray_lens import FisheyeLens
@@ -339,6 +339,7 @@ def _add_views(network: Network, views: _Views, problems: Problems, sigma: float
 # -- writing --------------------------------------------------------------------------------------
 
 
+@taking(Network)
 def write_opencv(network: Network, path: str | Path, *, camera: str | None = None) -> None:
     """Write the calibration of a camera as YAML, or as XML for a name that ends in .xml.
 

@@ -11,7 +11,7 @@ from urllib.parse import quote
 
 import numpy as np
 
-from ...errors import InputError, Problem
+from ...errors import InputError, Problem, taking
 from ...frames import LocalFrame
 from ...models.lens import Lens, NormalisedLens
 from ...network.network import Network
@@ -50,6 +50,7 @@ _SENSOR_DEFAULTS: dict[str, Any] = {
 """What the format demands of a sensor and a network does not have."""
 
 
+@taking(Network)
 def write_opf(network: Network, path: str | Path) -> None:
     """Write a network as a project of the Open Photogrammetry Format.
 

@@ -11,7 +11,7 @@ from typing import get_args
 import numpy as np
 
 from ...entities import Parameter, Point
-from ...errors import InputError, Problem, known
+from ...errors import InputError, Problem, known, taking
 from ...frames import LocalFrame
 from ...models.unknown_registry import UNKNOWNS
 from ...network.network import Network
@@ -248,6 +248,7 @@ def _kinds(
     return out
 
 
+@taking(Network)
 def write_jag3d(network: Network, path: str | Path) -> None:
     """Write flat files of JAG3D into a folder, one for each kind of points and observations.
 

@@ -14,7 +14,7 @@ from typing import Literal
 from xml.sax.saxutils import quoteattr
 
 from ...crs.reference_system import ReferenceSystem
-from ...errors import InputError, Problem, known
+from ...errors import InputError, Problem, known, taking
 from ...frames import LocalFrame
 from ...network.network import Network
 from ...units import ANGLE, FOOT, GON, US_SURVEY_FOOT
@@ -280,6 +280,7 @@ def is_landxml(path: Path) -> bool:
     return begins_with_element(path, b"LandXML")
 
 
+@taking(Network)
 def write_landxml(network: Network, path: str | Path, *, points_only: bool = False) -> None:
     """Write the points of a network as ``<CgPoint>`` of LandXML 1.2, north first, metres.
 

@@ -11,7 +11,7 @@ from typing import TypeAlias
 import numpy as np
 
 from ...entities import Point
-from ...errors import InputError, Problem
+from ...errors import InputError, Problem, taking
 from ...frames import LocalFrame, TopocentricFrame
 from ...models.unknown_registry import UNKNOWNS
 from ...network.network import Network
@@ -44,6 +44,7 @@ MAX_CONTROL_OFFSET_M = 1e-4
 LinesByPoint: TypeAlias = "dict[str, list[str]]"
 
 
+@taking(Network)
 def write_star_net(network: Network, path: str | Path) -> None:
     """Write a data file of STAR*NET (``.dat``), with a standard error in every line.
 

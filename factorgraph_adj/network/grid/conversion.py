@@ -11,7 +11,7 @@ import numpy as np
 from ...crs.geoid import GeoidValues
 from ...crs.reference_system import ReferenceSystem, reference_system
 from ...entities import Photo
-from ...errors import InputError, Problem, known
+from ...errors import InputError, Problem, known, taking
 from ...frames import Frame, LocalFrame
 from ...models.unknown_registry import UNKNOWNS
 from ...observations import Observation
@@ -42,6 +42,7 @@ ELSEWHERE = 0.05
 of it that is left then."""
 
 
+@taking(Network)
 def from_grid(
     network: Network,
     crs: ReferenceSystem | str | None = None,

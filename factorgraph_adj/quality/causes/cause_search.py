@@ -15,6 +15,7 @@ import numpy as np
 from scipy.sparse import csc_array, hstack
 
 from ...blas_threads import with_one_thread
+from ...errors import taking
 from ...graph.equations import Equations
 from ...models.unknown_registry import UNKNOWNS
 from ...result_display import FIRST, Rows, Shown
@@ -253,6 +254,7 @@ def _cause_texts(found: Iterable[Cause]) -> tuple[str, ...]:
     return tuple(f"{c.cause} {c.where}" for c in found)
 
 
+@taking(Reliability)
 @with_one_thread
 def causes(
     rel: Reliability, found: Iterable[MistakenIdentity] = (), *, estimated: bool | None = None

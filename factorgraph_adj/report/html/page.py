@@ -15,7 +15,7 @@ from scipy.special import ndtr, ndtri
 
 from ...epochs.block_motion import BlockMotion
 from ...epochs.comparison_result import Congruence
-from ...errors import InputError
+from ...errors import InputError, taking
 from ...io.file_transaction import write_files
 from ...solve.solution import Solution
 from ...statistical_tests import CONFIDENCE_OF_REGION
@@ -296,6 +296,7 @@ def _statistics_text(report: Report, numbers: dict[str, Any], t: Texts) -> dict[
     }
 
 
+@taking(Solution | Congruence)
 def write_report(
     solution: Solution | Congruence,
     path: str | Path,

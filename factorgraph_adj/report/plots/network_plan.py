@@ -12,7 +12,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from ...errors import InputError
+from ...errors import InputError, taking
 from ...frames import GeocentricFrame
 from ...quality.reliability import Reliability
 from ...solve.solution import Solution
@@ -146,6 +146,7 @@ def order_along_lines(solution: Solution) -> Index:
     return place
 
 
+@taking(Solution)
 @in_package_style
 def plot_network(
     solution: Solution,
