@@ -267,7 +267,8 @@ def compile_network(network: Network) -> Equations:
     """
     equations = compile_rows(network)
     if equations.n_rows == 0:
-        raise InputError("nothing to adjust: the network has no observations")
+        why = f": {network.without_observations}" if network.without_observations else ""
+        raise InputError(f"nothing to adjust: the network has no observations{why}")
     if equations.unknowns.n_columns == 0:
         raise InputError("nothing to adjust: everything is held")
     return equations

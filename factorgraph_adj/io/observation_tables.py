@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import count
 from math import isfinite
+from pathlib import Path
 
 import numpy as np
 
@@ -33,6 +34,8 @@ COVARIANCE_COLUMNS = (
     *(f"covariance_{u}2" for u in LENGTH),
 )
 
+TABLES_OF_OBSERVATIONS = ("observations", "images", "readings")
+"""Tables of a project that have observations, or readings of which they are means."""
 DOUBT_COLUMNS = ("doubt", "where", "what", "id")
 
 
@@ -367,3 +370,19 @@ def _symmetric(matrix: Array) -> Array:
 def _components(o: Observation) -> tuple[str, ...]:
     """Return the names of the scalar components as written in covariances.csv."""
     return () if isinstance(o, ImagePoint) else o.component_names()
+
+
+def without_observations(path: Path, found: Collection[str], stated: bool) -> str:
+    """Return which tables of observations a project does not have; empty if it has one of them.
+
+    Args:
+        path: the TOML file of the project.
+        found: names of its tables.
+        stated: whether the TOML file names its tables under [files].
+    """
+    if not set(TABLES_OF_OBSERVATIONS).isdisjoint(found):
+        return ""
+    if stated:
+        return f"[files] of {path} names none of {', '.join(TABLES_OF_OBSERVATIONS)}"
+    files = ", ".join(f"{name}.csv" for name in TABLES_OF_OBSERVATIONS)
+    return f"the folder {path.parent} has none of {files}"

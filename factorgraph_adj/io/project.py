@@ -39,7 +39,7 @@ from .observation_fields import (
     sigma_fields,
     unknown_field_message,
 )
-from .observation_tables import ObservationsReader
+from .observation_tables import ObservationsReader, without_observations
 from .parameter_tables import parameter_table
 from .readings_table import read_readings
 from .text_files import read_toml
@@ -204,6 +204,7 @@ def load_project(
     if found_tables.get("readings") is not None:
         book = cast(CsvTable, found_tables["readings"])
         observations.complete &= read_readings(network, book, context, faces, problems)
+    network.without_observations = without_observations(path, found_tables, "files" in document)
     warnings = tuple(_similar_table_names(path.parent, found_tables))
     with places.placing():
         if problems:

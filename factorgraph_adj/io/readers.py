@@ -19,7 +19,7 @@ from ..network.network import Network
 from . import gnss, photogrammetry, survey
 from .format_options import fitting_options, refuse_unknown_options
 from .format_reader import NetworkReader, Reader
-from .project import Project, load_project
+from .project import Project, load_project, project_table_names
 from .transaction_folders import recover_folder
 
 MAX_FOLDER_ENTRIES = 200
@@ -156,6 +156,8 @@ class Readers:
             raise InputError(Problem(f"{what}: {', '.join(r.name for r in sure)}", str(path)))
         if fitting:
             what = f"is none of {', '.join(r.description for r in fitting)} by its content"
+            if tables := _tables_without_project(path):
+                raise InputError(Problem(tables, str(path)))
             inside = self._inside(path)
             what += f"; valid: {', '.join(inside)}" if inside else "; or say format= or --from"
             raise InputError(Problem(what, str(path)))
@@ -231,6 +233,18 @@ def read(path: str | Path, *, format: str | None = None, **options: Any) -> Netw
             listed).
     """
     return READERS.load(path, format=format, options=options).network_alone()
+
+
+def _tables_without_project(folder: Path) -> str:
+    """Return that a folder has tables of a project without its TOML file; empty if not so."""
+    if not folder.is_dir():
+        return ""
+    tables = [f"{n}.csv" for n in project_table_names() if (folder / f"{n}.csv").is_file()]
+    if not tables:
+        return ""
+    others = sorted(str(f) for f in folder.glob("*.toml"))
+    advice = f"; valid: {known(others)}" if others else "; write it, or name the right folder"
+    return f"project.toml is missing beside {known(tables)}{advice}"
 
 
 def _refuse_table_of_project(source: Path) -> None:

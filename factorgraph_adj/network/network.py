@@ -84,6 +84,8 @@ class Network(StatedUnknowns, Shown):
         """What the reader of a file left out of the network."""
         self.remarks: list[str] = []
         """Sentences of the readers of files on how these were read: in another encoding."""
+        self.without_observations = ""
+        """Which tables the reader of a project did not find, if it found none of observations."""
         self.axes_of_files: dict[str, Array] = {}
         """Rotations frame_R_file (3, 3) of vectors that were read along other axes than those of
         the frame, by id: messages show them as they were read."""

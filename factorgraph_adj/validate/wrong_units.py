@@ -78,6 +78,9 @@ def angles_beyond_circle(network: Network, unit: str) -> Iterator[Finding]:
         largest = float(np.max(np.abs(value)))
         if largest <= TURN * (1.0 + CIRCLE_ROUNDING):
             continue
+        if not o.source:  # its value is as a program gave it, in radians
+            yield _beyond_circle_in_radians(o, np.ravel(value), largest)
+            continue
         number = largest / ANGLE[stated]
         fits = [u for u in TRIED_ANGLE_UNITS if number <= TURN / ANGLE[u] * (1.0 + CIRCLE_ROUNDING)]
         meant = f"valid in {_noun(fits[0])} (0 to {_circle(fits[0])})" if fits else ""
@@ -87,6 +90,22 @@ def angles_beyond_circle(network: Network, unit: str) -> Iterator[Finding]:
             f"{f'it is {meant}: ' if meant else ''}state the unit in which it was read, or look "
             "for a wrong digit",
         )
+
+
+def _beyond_circle_in_radians(o: Observation, values: Array, largest: float) -> Finding:
+    """Return the finding of an angle beyond the full circle that no file states."""
+    given = f"{values[int(np.argmax(np.abs(values)))]:.10g}"
+    if largest <= TURN / ANGLE["deg"] * (1.0 + CIRCLE_ROUNDING):
+        meant = "it looks like gon or degrees: multiply it by fga.GON, or use math.radians"
+    elif largest <= TURN / ANGLE["gon"] * (1.0 + CIRCLE_ROUNDING):
+        meant = "it looks like gon: multiply it by fga.GON"
+    else:
+        meant = "convert it (gon: multiply by fga.GON; degrees: math.radians)"
+    return Finding(
+        f"{o.label()}: an angle in radians is expected; {given} is more than the full circle of "
+        f"{TURN:.4f}, which no instrument reads",
+        f"{meant}, or look for a wrong digit",
+    )
 
 
 def level_sights(network: Network, unit: str, compared: frozenset[str]) -> Iterator[Finding]:

@@ -56,7 +56,7 @@ def test_path_of_a_project():
     assert str(error.value) == (
         "adjust takes a Network, not 'project.toml': give fga.read('project.toml')"
     )
-    with pytest.raises(fga.InputError, match="fga.read_project"):
+    with pytest.raises(fga.InputError, match=r"fga\.read_project"):
         fga.IncrementalAdjustment("p")  # type: ignore[arg-type]
 
 
