@@ -29,6 +29,11 @@ if _TYPE_CHECKING:
     from .frames import GeocentricFrame, LocalFrame, TopocentricFrame
     from .graph.observation_selection import without
     from .incremental.adjustment import IncrementalAdjustment
+    from .io.field_books.field_book import Accuracies
+    from .io.field_books.gsi import read_gsi
+    from .io.field_books.jobxml import read_jobxml
+    from .io.field_books.landxml import read_landxml, write_landxml
+    from .io.field_books.sdr33 import read_sdr33
     from .io.gnss.dynaml import read_dynaml, write_dynaml
     from .io.gnss.gvx import read_gvx, write_gvx
     from .io.gnss.sinex import read_sinex, write_sinex
@@ -50,16 +55,11 @@ if _TYPE_CHECKING:
     from .io.readers import read, register_reader
     from .io.solution_file import load_solution
     from .io.survey.comp3d import read_comp3d
-    from .io.survey.field_book import Accuracies
     from .io.survey.gama import read_gama
-    from .io.survey.gsi import read_gsi
     from .io.survey.jag3d import read_jag3d, write_jag3d
-    from .io.survey.jobxml import read_jobxml
-    from .io.survey.landxml import read_landxml, write_landxml
     from .io.survey.lgc2 import read_lgc2
     from .io.survey.mapped_tables import read_columns
     from .io.survey.mmvii import read_mmvii
-    from .io.survey.sdr33 import read_sdr33
     from .io.survey.star_net import read_star_net
     from .io.survey.star_net_options import StarNetOptions
     from .io.survey.star_net_writer import write_star_net
@@ -270,16 +270,16 @@ _NAMES = {
     "io.readers": "read register_reader",
     "io.solution_file": "load_solution",
     "io.survey.comp3d": "read_comp3d",
-    "io.survey.field_book": "Accuracies",
+    "io.field_books.field_book": "Accuracies",
     "io.survey.gama": "read_gama",
-    "io.survey.gsi": "read_gsi",
+    "io.field_books.gsi": "read_gsi",
     "io.survey.jag3d": "read_jag3d write_jag3d",
-    "io.survey.jobxml": "read_jobxml",
-    "io.survey.landxml": "read_landxml write_landxml",
+    "io.field_books.jobxml": "read_jobxml",
+    "io.field_books.landxml": "read_landxml write_landxml",
     "io.survey.lgc2": "read_lgc2",
     "io.survey.mapped_tables": "read_columns",
     "io.survey.mmvii": "read_mmvii",
-    "io.survey.sdr33": "read_sdr33",
+    "io.field_books.sdr33": "read_sdr33",
     "io.survey.star_net": "read_star_net",
     "io.survey.star_net_options": "StarNetOptions",
     "io.survey.star_net_writer": "write_star_net",

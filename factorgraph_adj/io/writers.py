@@ -12,6 +12,7 @@ from typing import Any
 
 from ..errors import InputError, Problem, known
 from ..network.network import Network
+from .field_books.landxml import write_landxml
 from .format_options import fitting_options, options_of, refuse_unknown_options
 from .gnss.dynaml import write_dynaml
 from .gnss.gvx import write_gvx
@@ -22,7 +23,6 @@ from .photogrammetry.opencv import write_opencv
 from .photogrammetry.opf_writer import write_opf
 from .project_writer import write_project
 from .survey.jag3d import write_jag3d
-from .survey.landxml import write_landxml
 from .survey.star_net_writer import write_star_net
 
 

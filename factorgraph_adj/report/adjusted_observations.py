@@ -22,17 +22,7 @@ from .adjustment_report import Report
 from .layout import decimals, paragraph, short, title
 from .observation_rows import POINT_COLUMNS, Row, identity_columns
 from .rejected_observations import RejectedObservations
-from .tables import (
-    DATA,
-    ArrayRows,
-    Column,
-    FiguresByNumber,
-    Table,
-    Unit,
-    as_csv,
-    as_frame,
-    as_text,
-)
+from .tables import DATA, ArrayRows, Column, FiguresByNumber, Table, Unit, as_csv, as_frame, as_text
 
 ROUNDING_OF_REDUNDANCY = 1e-9
 """Redundancy number below which there is nothing but rounding."""

@@ -26,14 +26,7 @@ from ..rotation import TURN_ABOUT_X, angles_by_rotation, omega_phi_kappa
 from ..types import Array
 from ..units import ANGLE, decimal, decimal_angle
 from .adjustment_report import Report
-from .layout import (
-    decimals,
-    paragraph,
-    short,
-    table,
-    title,
-    with_sigma,
-)
+from .layout import decimals, paragraph, short, table, title, with_sigma
 from .tables import NO_FIGURE, NUMBER, READ, Column, Table, Unit, as_text, unit_of
 
 FRAMES_LEGEND = (

@@ -22,9 +22,7 @@ from ..solve.solution import Solution
 from ..statistical_tests import global_test
 from ..units import MILLIMETRE, decimal
 from . import image_axes
-from .adjusted_coordinates import (
-    lines_table,
-)
+from .adjusted_coordinates import lines_table
 from .adjusted_observations import observations_csv
 from .adjusted_photos import photos_table
 from .adjusted_points import points_table

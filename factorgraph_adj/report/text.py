@@ -14,9 +14,7 @@ from ..solve.solution import Solution
 from ..statistical_tests import GlobalTest, global_test
 from ..units import format_angle
 from ..version import __version__
-from .adjusted_coordinates import (
-    lines_section,
-)
+from .adjusted_coordinates import lines_section
 from .adjusted_observations import adjusted_observations_section, weighted_coordinates_section
 from .adjusted_photos import centre_ellipsoids_section, photos_section
 from .adjusted_points import check_points_section, points_section, side_shots_section

@@ -23,18 +23,7 @@ from ..units import ANGLE, decimal_angle
 from .adjustment_report import Report
 from .frames_and_shapes import measured_frames
 from .layout import paragraph, percent, title, with_sigma
-from .tables import (
-    DATA,
-    NUMBER,
-    READ,
-    ArrayRows,
-    Column,
-    Table,
-    Unit,
-    as_frame,
-    as_text,
-    unit_of,
-)
+from .tables import DATA, NUMBER, READ, ArrayRows, Column, Table, Unit, as_frame, as_text, unit_of
 
 MAX_WARNINGS_LISTED = 10
 """Largest number of listed warnings."""

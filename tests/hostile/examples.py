@@ -48,7 +48,7 @@ class Example:
     """Whether the format grows by elements, attributes and keys: others than the read ones are not
     looked at. Values of what is read are judged as everywhere."""
     is_field_book: bool = False
-    """Whether the files have the survey of `tests.io.survey.field_files`."""
+    """Whether the files have the survey of `tests.io.field_books.field_files`."""
 
     def files(self, folder: Path) -> Files:
         """Return the contents by name, made in an empty folder."""

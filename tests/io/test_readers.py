@@ -16,15 +16,9 @@ import factorgraph_adj as fga
 from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.io.adjustment_options import AdjustOptions
-from factorgraph_adj.io.format_reader import NetworkReader, Reader
-from factorgraph_adj.io.photogrammetry import bundler
-from factorgraph_adj.io.photogrammetry.bundler import read_bal
-from factorgraph_adj.io.project import read_project
-from factorgraph_adj.io.readers import READERS, Readers
-from factorgraph_adj.io.source import TextSource
-from factorgraph_adj.io.survey import gsi
-from factorgraph_adj.io.survey.field_book import DEFAULT_ACCURACIES, Accuracies, FieldBook
-from factorgraph_adj.io.survey.field_records import (
+from factorgraph_adj.io.field_books import gsi
+from factorgraph_adj.io.field_books.field_book import DEFAULT_ACCURACIES, Accuracies, FieldBook
+from factorgraph_adj.io.field_books.field_records import (
     NEEDED,
     RecordField,
     Scales,
@@ -33,6 +27,12 @@ from factorgraph_adj.io.survey.field_records import (
     read_name,
     read_record,
 )
+from factorgraph_adj.io.format_reader import NetworkReader, Reader
+from factorgraph_adj.io.photogrammetry import bundler
+from factorgraph_adj.io.photogrammetry.bundler import read_bal
+from factorgraph_adj.io.project import read_project
+from factorgraph_adj.io.readers import READERS, Readers
+from factorgraph_adj.io.source import TextSource
 from factorgraph_adj.io.survey.gama import read_gama
 from factorgraph_adj.io.text_files import file_beginning
 from factorgraph_adj.network.network import Network
@@ -103,8 +103,6 @@ def test_an_unknown_suffix_is_refused_with_the_valid_ones(tmp_path, name):
     with pytest.raises(InputError) as caught:
         fga.read(tmp_path / name)
     assert messages(caught) == [f"{tmp_path / name}: unknown kind of file; valid: {READERS}"]
-    first = ".toml (project), .xml (DynaML of DynAdjust), .gvx, .xml (GNSS Vector Exchange)"
-    assert str(READERS).startswith(first)
 
 
 def test_a_missing_file_is_refused_whatever_its_suffix(tmp_path):

@@ -17,12 +17,7 @@ import factorgraph_adj as fga
 from factorgraph_adj.frames import Frame
 from factorgraph_adj.models.base import Linearised
 from factorgraph_adj.models.datum_motions import Motions
-from factorgraph_adj.models.unknown_registry import (
-    UNKNOWNS,
-    Component,
-    UnknownKind,
-    UnknownTable,
-)
+from factorgraph_adj.models.unknown_registry import UNKNOWNS, Component, UnknownKind, UnknownTable
 from factorgraph_adj.observations import (
     KINDS,
     HeightDifference,

@@ -1,1 +1,1 @@
-"""Readers and writers of field books, and of files of programs for survey networks."""
+"""Readers and writers of files of programs for survey networks."""

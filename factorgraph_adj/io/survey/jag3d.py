@@ -26,12 +26,12 @@ from ...observations import (
     ZenithAngle,
 )
 from ...units import ANGLE, LENGTH
+from ..field_books.field_book import name_list
 from ..file_transaction import write_files
 from ..format_limits import scalar_sigmas
 from ..format_reader import NetworkReader, Reader
 from ..numbers import write_quantity
 from ..source import Problems
-from .field_book import name_list
 from .jag3d_flat_files import (
     ESTIMATED_OPTIONS,
     FILE_KINDS,

@@ -16,13 +16,13 @@ from ...network.network import Network
 from ...observations import Observation
 from .. import numbers
 from ..csv_tables import unguarded_cell
+from ..field_books.field_book import DEFAULT_ACCURACIES, Accuracies, FieldBook
 from ..format_reader import NetworkReader, Reader
 from ..numbers import Units
 from ..observation_fields import RecordContext
 from ..observation_records import observation_from_record
 from ..source import Problems, Source
 from ..text_files import read_toml
-from .field_book import DEFAULT_ACCURACIES, Accuracies, FieldBook
 
 MAPPED_SECTIONS = ("points", "readings", "observations")
 MAPPED_POINT_COLUMNS = ("name", "x", "y", "z", "fixed")

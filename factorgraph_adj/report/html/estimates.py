@@ -11,9 +11,7 @@ from ...graph.variables import camera_of_calibration
 from ...quality.point_precision import check_points as compare
 from ...quality.reliability import point_redundancy
 from ...units import decimal
-from ..adjusted_coordinates import (
-    lines_table,
-)
+from ..adjusted_coordinates import lines_table
 from ..adjusted_photos import photos_table
 from ..adjusted_points import AdjustedPoint, CheckedPoint, check_points_table, points_table
 from ..adjustment_report import Report

@@ -9,11 +9,19 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
+from factorgraph_adj.io.field_books.gsi import gsi_blocks, read_gsi_length
 from factorgraph_adj.io.source import TextSource
-from factorgraph_adj.io.survey.gsi import gsi_blocks, read_gsi_length
 from factorgraph_adj.observations import Direction, HeightDifference, SlopeDistance
 from factorgraph_adj.units import GON, LENGTH
-from tests.io.survey.field_files import EXAMPLE_FILES, MAPPING, columns, gsi, jobxml, landxml, sdr33
+from tests.io.field_books.field_files import (
+    EXAMPLE_FILES,
+    MAPPING,
+    columns,
+    gsi,
+    jobxml,
+    landxml,
+    sdr33,
+)
 from tests.support.places import data_dir
 
 MM = LENGTH["mm"]

@@ -6,10 +6,8 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.io.numbers import PACKED_DEGREES
-from factorgraph_adj.io.source import Source
-from factorgraph_adj.io.survey.field_book import DEFAULT_ACCURACIES, FieldBook
-from factorgraph_adj.io.survey.field_records import (
+from factorgraph_adj.io.field_books.field_book import DEFAULT_ACCURACIES, FieldBook
+from factorgraph_adj.io.field_books.field_records import (
     NEEDED,
     RecordField,
     Scales,
@@ -19,6 +17,8 @@ from factorgraph_adj.io.survey.field_records import (
     read_name,
     read_record,
 )
+from factorgraph_adj.io.numbers import PACKED_DEGREES
+from factorgraph_adj.io.source import Source
 from factorgraph_adj.units import FOOT, GON
 
 SIGHT = (

@@ -16,7 +16,7 @@ from factorgraph_adj.observations import Direction, SlopeDistance, ZenithAngle
 from factorgraph_adj.units import GON
 from tests.hostile.damage import BOMB
 from tests.hostile.formats import FORMATS
-from tests.io.survey.field_files import (
+from tests.io.field_books.field_files import (
     COLLIMATION,
     INDEX,
     KNOWN,

@@ -1,0 +1,1 @@
+"""Readers of raw files of instruments: field books of total stations and levels."""
