@@ -82,7 +82,23 @@ class Example:
     """What they need besides points and photos."""
 
 
-EXAMPLES: dict[str, Example] = {}
+EXAMPLES: dict[str, Example] = {
+    "ellipsoid_distance": Example(
+        lambda: [
+            o.EllipsoidDistance("i", "j", 1.0, sigma=0.01, station_surface=31.0, target_surface=30),
+            o.EllipsoidDistance("i", "k", 1.0, sigma=0.01, line="chord", station_surface=-7.0),
+        ]
+    ),
+    "geodetic_azimuth": Example(lambda: [o.GeodeticAzimuth("i", "j", 0.0, **SIGHT)]),
+    "ellipsoid_height": Example(lambda: [o.EllipsoidHeight("j", 0.0, sigma=0.01, surface=31.0)]),
+    "ellipsoid_height_difference": Example(
+        lambda: [
+            o.EllipsoidHeightDifference(
+                "i", "j", 0.0, station_surface=31.0, target_surface=30.0, **SIGHT
+            )
+        ]
+    ),
+}
 """An example of each kind that no other network of the tests states. A kind in frames of its own,
 or with parameters of `OBSERVED`, has its line there, in `everything` and in `random_more`."""
 

@@ -1,0 +1,302 @@
+"""Observations reduced to the ellipsoid or to the geoid: distances, azimuths, heights.
+
+Programs of geodetic networks (DynAdjust, SNAP and others) state distances along the ellipsoid or
+at sea level, azimuths of the ellipsoid and heights above the geoid. With the normal u of the
+ellipsoid, the ellipsoidal height h and the height N of the surface above the ellipsoid, which the
+observation has for each of its ends, the foot of a point on the surface is F = X − (h − N) u.
+
+| kind | computed value |
+| --- | --- |
+| chord | length of F_j − F_i, c |
+| arc | 2 r asin(c/2r), r = M ν/(ν cos²α + M sin²α) + ½ (N_i + N_j) |
+| geodetic azimuth | α of the sight in the horizon of the ellipsoid |
+| height | h − N |
+| height difference | (h_j − N_j) − (h_i − N_i) |
+
+The radius r (Euler) belongs to the mean latitude and the azimuth of the chord: the arc is that of
+the geodesic within 0.1 mm in 100 km. Deflections of the vertical have no effect on any of them.
+In a local frame h is its height, and the arc that on a sphere of its radius where it has curvature.
+"""
+
+from __future__ import annotations
+
+from dataclasses import KW_ONLY, dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from ..frames import Frame, LocalFrame, TopocentricFrame
+from ..models.base import Linearised, require
+from ..models.line_of_sight import up_by_angles
+from ..models.positions import heights
+from ..models.terrestrial_observations import NO_LENGTH, azimuth
+from ..types import Array
+from .base import Observation, Sight, Sigma
+from .registry import ObservationKind
+from .variances import DIRECTIONS, LENGTHS, LEVELLING
+
+ARC, CHORD = "arc", "chord"
+_SHORTEST = 1e-9
+"""Smallest length of a distance, metres; shorter ones are degenerate."""
+
+
+@dataclass(frozen=True)
+class EllipsoidDistance(Observation):
+    """Distance of the feet of two points on the ellipsoid, or on a surface at sea level, metres.
+
+    (1 + m) s + zero of the distance meter, with the arc or chord s.
+    """
+
+    kind: ClassVar[str] = "ellipsoid_distance"
+    nonnegative: ClassVar[bool] = True
+    station: str
+    """First point, i."""
+    target: str
+    """Second point, j."""
+    value: float
+    """Observed distance, metres."""
+    _: KW_ONLY
+    sigma: Sigma
+    """Standard deviation, metres, or its parts."""
+    line: str = ARC
+    """``arc`` along the surface, or ``chord`` through it."""
+    station_surface: float = 0.0
+    """Height N_i of the surface above the ellipsoid at the station, metres: 0 of the ellipsoid
+    itself, the geoid undulation of sea level."""
+    target_surface: float = 0.0
+    """N_j at the target, metres."""
+    instrument: str | None = None
+    """Name of the distance meter, which has m and the zero constant; None: both are 0."""
+
+    @property
+    def along_chord(self) -> float:
+        """1 for a chord, 0 for an arc."""
+        return float(self.line == CHORD)
+
+    def _check(self) -> None:
+        super()._check()
+        if self.line not in (ARC, CHORD):
+            self._fail(f"line must be arc or chord, not {self.line!r}")
+
+
+@dataclass(frozen=True)
+class GeodeticAzimuth(Sight):
+    """Azimuth from north, clockwise, in the horizon of the ellipsoid, radians.
+
+    Deflections of the vertical have no effect, as they have on an `Azimuth`, which is astronomic.
+    """
+
+    kind: ClassVar[str] = "geodetic_azimuth"
+
+
+@dataclass(frozen=True)
+class EllipsoidHeight(Observation):
+    """Height of a point above the ellipsoid, or above the geoid, metres: h − N."""
+
+    kind: ClassVar[str] = "ellipsoid_height"
+    point: str
+    """The point."""
+    value: float
+    """Observed height, metres."""
+    _: KW_ONLY
+    sigma: float
+    """Standard deviation, metres."""
+    surface: float = 0.0
+    """Height N of the surface above the ellipsoid, metres: 0 of the ellipsoid itself, the geoid
+    undulation of a height above the geoid."""
+
+
+@dataclass(frozen=True)
+class EllipsoidHeightDifference(Sight):
+    """Difference of heights above the ellipsoid, or above the geoid, metres.
+
+    (h_j + h_t − N_j) − (h_i + h_s − N_i). A `HeightDifference` is one along plumb lines.
+    """
+
+    kind: ClassVar[str] = "ellipsoid_height_difference"
+    _: KW_ONLY
+    station_surface: float = 0.0
+    """Height N_i of the surface above the ellipsoid at the station, metres: 0 of the ellipsoid
+    itself, the geoid undulation of heights above the geoid."""
+    target_surface: float = 0.0
+    """N_j at the target, metres."""
+    length_km: float | None = None
+    """Length of the levelled line, km, for `StandardDeviation.per_sqrt_km`; None: the
+    horizontal distance."""
+
+
+def foot(frame: Frame, position: Array, surface: Array) -> tuple[Array, Array]:
+    """Return the feet F = X − (h − N) u of points (n, 3), and ∂F/∂X (n, 3, 3).
+
+    Args:
+        frame: the frame.
+        position: X, (n, 3) metres.
+        surface: N, height of the surface above the ellipsoid, (n,) metres.
+    """
+    h, gradient = heights(frame, position)
+    basis = frame.basis(position, np.zeros((len(position), 2)))
+    up, above = basis.enu[:, 2], h - surface
+    by_position = np.eye(3) - up[:, :, None] * gradient[:, None, :]
+    turned = up_by_angles(basis) @ basis.angles_by_position
+    by_position -= above[:, None, None] * turned
+    return position - above[:, None] * up, by_position
+
+
+def arc_radius(frame: Frame, start: Array, end: Array, surface: Array) -> Array:
+    """Return the radius of curvature of the surface along chords from (n, 3) to (n, 3), (n,).
+
+    Infinite in a flat local frame.
+
+    Args:
+        frame: the frame.
+        start: first feet, metres.
+        end: second feet, metres.
+        surface: mean height of the surface above the ellipsoid, (n,) metres.
+    """
+    if isinstance(frame, LocalFrame):
+        return np.full(len(start), frame.radius if frame.curvature else np.inf) + surface
+    middle = 0.5 * (start + end)
+    enu = frame.basis(middle, np.zeros((len(middle), 2))).enu
+    east, north, _ = np.moveaxis(np.einsum("nij,nj->ni", enu, end - start), 1, 0)
+    earth = frame.geocentric if isinstance(frame, TopocentricFrame) else frame
+    found = frame.geodetic(middle)
+    assert found is not None
+    m, v = earth.ellipsoid.radii(found[0])
+    level = north**2 + east**2
+    return np.asarray(m * v * level / (v * north**2 + m * east**2) + surface)
+
+
+def ellipsoid_distance(
+    frame: Frame,
+    station: Array,
+    target: Array,
+    edm: Array,
+    *,
+    observed: Array,
+    along_chord: Array,
+    station_surface: Array,
+    target_surface: Array,
+) -> Linearised:
+    """Compute (1 + m) s + zero − observed, metres, with the arc or chord s.
+
+    The radius of the arc counts as constant: its change alters the partials by less than 10⁻⁸
+    in 100 km.
+    """
+    start, by_station = foot(frame, station, station_surface)
+    end, by_target = foot(frame, target, target_surface)
+    d = end - start
+    chord = np.sqrt(np.sum(d * d, axis=1))
+    require(chord > _SHORTEST, NO_LENGTH)
+    half = 0.5 / arc_radius(frame, start, end, 0.5 * (station_surface + target_surface))
+    # 0 for a chord and for an infinite radius: then s = c
+    bent = np.where(along_chord == 1.0, 0.0, chord * half)
+    require(bent < 1.0, "the chord is longer than the diameter of the Earth")
+    root = np.sqrt(1.0 - bent * bent)
+    ratio = np.where(bent > 0.0, np.arcsin(bent) / np.where(bent > 0.0, bent, 1.0), 1.0)
+    length = chord * ratio
+    scale = 1.0 + edm[:, :1]
+    gradient = (scale * d / (chord * root)[:, None])[:, None, :]
+    v = scale * length[:, None] + edm[:, 1:2] - observed
+    by_edm = np.stack([length, np.ones_like(length)], 1)[:, None, :]
+    return Linearised(v, (-gradient @ by_station, gradient @ by_target, by_edm))
+
+
+def geodetic_azimuth(
+    frame: Frame,
+    station: Array,
+    station_vertical: Array,
+    target: Array,
+    target_vertical: Array,
+    *,
+    observed: Array,
+    instrument_height: Array,
+    target_height: Array,
+) -> Linearised:
+    """Compute α − observed, radians, in the horizon of the ellipsoid."""
+    none = np.zeros_like(station_vertical)
+    found = azimuth(
+        frame,
+        station,
+        none,
+        target,
+        none,
+        observed=observed,
+        instrument_height=instrument_height,
+        target_height=target_height,
+    )
+    by_station, unused, by_target, _ = found.jacobians
+    return Linearised(found.residual, (by_station, 0.0 * unused, by_target, 0.0 * unused))
+
+
+def ellipsoid_height(frame: Frame, point: Array, *, observed: Array, surface: Array) -> Linearised:
+    """Compute h − N − observed, metres."""
+    h, up = heights(frame, point)
+    return Linearised((h - surface)[:, None] - observed, (up[:, None, :],))
+
+
+def ellipsoid_height_difference(
+    frame: Frame,
+    station: Array,
+    station_vertical: Array,
+    target: Array,
+    target_vertical: Array,
+    *,
+    observed: Array,
+    instrument_height: Array,
+    target_height: Array,
+    station_surface: Array,
+    target_surface: Array,
+) -> Linearised:
+    """Compute (h_j + h_t − N_j) − (h_i + h_s − N_i) − observed, metres."""
+    (here, by_station), (there, by_target) = heights(frame, station), heights(frame, target)
+    end, start = target_height - target_surface, instrument_height - station_surface
+    v = (there - here + (end - start))[:, None] - observed
+    none = np.zeros((len(v), 1, 2))
+    return Linearised(v, (-by_station[:, None, :], none, by_target[:, None, :], none))
+
+
+_ENDS = tuple((kind, end) for end in ("station", "target") for kind in ("point", "vertical"))
+_HEIGHTS = ("instrument_height", "target_height")
+_SURFACES = ("station_surface", "target_surface")
+KINDS_IN_MODULE = (
+    ObservationKind(
+        EllipsoidDistance,
+        (("point", "station"), ("point", "target"), ("edm", "instrument")),
+        ellipsoid_distance,
+        ("along_chord", *_SURFACES),
+        weight=LENGTHS,
+        choices=("line",),
+        titles={"de": "Strecke am Ellipsoid"},
+    ),
+    ObservationKind(
+        GeodeticAzimuth,
+        _ENDS,
+        geodetic_azimuth,
+        _HEIGHTS,
+        "rad",
+        weight=DIRECTIONS,
+        circular=True,
+        fixes="direction",
+        instrument="station",
+        quantity="azimuth",
+        titles={"de": "Geodätisches Azimut"},
+    ),
+    ObservationKind(
+        EllipsoidHeight,
+        (("point", "point"),),
+        ellipsoid_height,
+        ("surface",),
+        fixes="coordinates",
+        titles={"de": "Höhe über dem Ellipsoid"},
+    ),
+    ObservationKind(
+        EllipsoidHeightDifference,
+        _ENDS,
+        ellipsoid_height_difference,
+        (*_HEIGHTS, *_SURFACES),
+        weight=LEVELLING,
+        quantity="height difference",
+        titles={"de": "Höhenunterschied über dem Ellipsoid"},
+    ),
+)
+"""Records of the kinds."""
