@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -52,7 +52,7 @@ NIKON_ZENITHS = {
 elevations, which are the same in both faces."""
 NIKON_ORDERS = {"NEZ": False, "ENZ": True, "XYZ": False, "YXZ": True}
 """Whether east is first by ``Coord Order``; X of Nikon is north."""
-NIKON_SETTINGS = {
+NIKON_SETTINGS: dict[str, Mapping[str, Any]] = {
     "Dist Units": NIKON_LENGTHS,
     "Angle Units": NIKON_ANGLES,
     "Zero VA": NIKON_ZENITHS,
