@@ -15,7 +15,10 @@ from .types import Array
 Combine: TypeAlias = Literal["mixed", "linear", "quadratic"]
 """How the parts of a standard deviation combine, see `StandardDeviation`."""
 COMBINATIONS: tuple[Combine, ...] = ("mixed", "linear", "quadratic")
-PARTS = ("ppm", "per_sqrt_km", "centring_instrument", "centring_target")
+PARTS = (
+    *("ppm", "per_sqrt_km", "centring_instrument", "centring_target"),
+    *("vertical_instrument", "vertical_target"),
+)
 """Attributes of `StandardDeviation` for the parts that are not constant."""
 
 
@@ -24,15 +27,21 @@ class StandardDeviation(metaclass=ChecksArguments):
     """Parts of the standard deviation of an observation, and how they combine.
 
     Each part has an effect on the observation. S is a slope distance and D a horizontal distance,
-    metres, L the length of a levelled line, km, c_i and c_t the centring of instrument and target:
+    metres, z a zenith angle, L the length of a levelled line, km, c_i and c_t the centring of
+    instrument and target, v_i and v_t that of their heights:
 
     | observation | reading | beside it |
     | --- | --- | --- |
-    | length | constant; ppm·10⁻⁶ S | c_i; c_t |
+    | slope distance | constant; ppm·10⁻⁶ S | √(c_i² sin² z + v_i² cos² z); c_t, v_t as c_i, v_i |
+    | horizontal distance | constant; ppm·10⁻⁶ D | c_i; c_t |
     | levelled height difference | constant | per_sqrt_km √L |
     | direction, azimuth | constant | c_i/D; c_t/D |
-    | vertical, zenith angle | constant | c_i/S; c_t/S |
+    | vertical, zenith angle | constant | √(c_i² cos² z + v_i² sin² z)/S; as before with c_t, v_t |
     | angle j-i-k | constant | c_i D_jk/(D_ij D_ik); c_t √(1/D_ij² + 1/D_ik²) |
+
+    A centring moves its end of the sight, and the observation changes by the component of that
+    movement along the sight, or across it. Where no v is stated, it is the c of its end: the
+    centring is the same in all directions, and its effects are c and c/S whatever z is.
 
     With the effects a, b … of the reading and c, e … of what is beside it:
 
@@ -58,13 +67,18 @@ class StandardDeviation(metaclass=ChecksArguments):
     """Standard deviation of the centring of the target, metres."""
     combine: Combine = "mixed"
     """How the effects of the parts combine."""
+    vertical_instrument: float | None = None
+    """Standard deviation of the height of the instrument, metres; None: that of its centring."""
+    vertical_target: float | None = None
+    """Standard deviation of the height of the target, metres; None: that of its centring."""
 
     def __post_init__(self) -> None:
         """Check that every part is finite and ≥ 0, one > 0, and that the combination is known."""
         if self.combine not in COMBINATIONS:
             valid = ", ".join(COMBINATIONS)
             raise InputError(f"unknown combination {self.combine!r} of parts; valid: {valid}")
-        parts = [getattr(self, name) for name in ("constant", *PARTS)]
+        given = [getattr(self, name) for name in ("constant", *PARTS)]
+        parts = [value for value in given if value is not None]
         if not all(map(isfinite, parts)) or min(parts) < 0 or not max(parts) > 0:
             raise InputError(
                 f"the parts of a standard deviation must be finite, not negative and not all "
@@ -73,7 +87,8 @@ class StandardDeviation(metaclass=ChecksArguments):
 
     def scaled(self, by: float) -> StandardDeviation:
         """Return the standard deviation with every part multiplied by ``by``."""
-        return replace(self, **{n: by * getattr(self, n) for n in ("constant", *PARTS)})
+        parts = {n: getattr(self, n) for n in ("constant", *PARTS)}
+        return replace(self, **{n: by * v for n, v in parts.items() if v is not None})
 
 
 def whitening(covariance: Array) -> Array:

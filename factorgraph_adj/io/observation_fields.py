@@ -29,6 +29,8 @@ PART_COLUMNS = {
     "per_sqrt_km": "sqrt_km",
     "centring_instrument": "centring_instrument",
     "centring_target": "centring_target",
+    "vertical_instrument": "vertical_instrument",
+    "vertical_target": "vertical_target",
 }
 """Columns of the parts of a standard deviation, without the endings of their units."""
 VECTOR_AXES = tuple("xyzenu")

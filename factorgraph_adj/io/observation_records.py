@@ -51,6 +51,9 @@ from .observation_fields import (
     vector_fields,
 )
 
+NO_PARTS = StandardDeviation(1.0)
+"""A constant standard deviation, whose other parts are not stated."""
+
 
 def record_with_reading(record: Mapping[str, object]) -> dict[str, object]:
     """Return a record with zero for a missing reading, as plans need no readings."""
@@ -440,7 +443,7 @@ def _sigma_record(sigma: float | StandardDeviation, kind: str, units: Units) -> 
         out["combine"] = sigma.combine
     for part, column in sigma_parts(kind).items():
         value = getattr(sigma, part)
-        if value == 0:
+        if value == getattr(NO_PARTS, part):  # 0 is a height that is known exactly
             continue
         if part == "ppm":
             out[column] = numbers.write_quantity(value)

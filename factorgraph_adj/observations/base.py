@@ -200,7 +200,7 @@ class Observation(metaclass=ChecksArguments):
         weight = None if record is None else record.weight
         if weight is None:
             return
-        idle = [p for p in PARTS if p not in weight.parts and getattr(sigma, p) != 0]
+        idle = [p for p in PARTS if p not in weight.parts and getattr(sigma, p)]
         if idle:
             self._fail(
                 f"{', '.join(idle)} of sigma has no effect on a {self.kind.replace('_', ' ')}, "

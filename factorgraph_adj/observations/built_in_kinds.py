@@ -34,7 +34,7 @@ from .terrestrial_observations import (
     VerticalAngle,
     ZenithAngle,
 )
-from .variances import ANGLES, DIRECTIONS, INCLINATIONS, LENGTHS, LEVELLING
+from .variances import ANGLES, DIRECTIONS, INCLINATIONS, LENGTHS, LEVELLING, PLAIN_LENGTHS
 
 _STATION = (("point", "station"), ("vertical", "station"))
 _SIGHT = (*_STATION, ("point", "target"), ("vertical", "target"))
@@ -68,7 +68,7 @@ _BUILT_IN: Sequence[ObservationKind] = (
         (*_SIGHT, _METER),
         terrestrial_observations.horizontal_distance,
         _HEIGHTS,
-        weight=LENGTHS,
+        weight=PLAIN_LENGTHS,
         quantity="horizontal distance",
     ),
     ObservationKind(

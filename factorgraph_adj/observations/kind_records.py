@@ -58,7 +58,7 @@ from .relative_poses import RelativePosition, RelativeRotation
 from .shape_points import _OnShape
 from .surface_heights import LevelHeight, ProfileHeight
 from .terrestrial_observations import GyroAzimuth
-from .variances import DIRECTIONS, INCLINATIONS, LENGTHS
+from .variances import DIRECTIONS, PLAIN_INCLINATIONS, PLAIN_LENGTHS
 
 _PHOTO = (("pose", "photo"), ("mount", "mount"))
 _METER = ("edm", "instrument")
@@ -148,7 +148,7 @@ INSTRUMENT_KINDS = (
         sub_frame.frame_zenith,
         ("face",),
         "rad",
-        weight=INCLINATIONS,
+        weight=PLAIN_INCLINATIONS,
         in_frame="zenith",
         instrument="frame",
         level_reading=pi / 2,
@@ -157,7 +157,7 @@ INSTRUMENT_KINDS = (
         FrameDistance,
         (*_SIGHT, ("edm", "instrument")),
         sub_frame.frame_distance,
-        weight=LENGTHS,
+        weight=PLAIN_LENGTHS,
         in_frame="distance",
         instrument="frame",
     ),

@@ -17,6 +17,8 @@ from ..types import Array
 
 CENTRING = ("centring_instrument", "centring_target")
 """Parts for the centring of instrument and target."""
+VERTICAL = ("vertical_instrument", "vertical_target")
+"""Parts for the heights of instrument and target."""
 
 
 class Geometry(Protocol):
@@ -73,11 +75,16 @@ class Parts:
     """Standard deviation of the centring of the instrument, metres."""
     centring_target: Array
     """Standard deviation of the centring of the target, metres."""
+    vertical_instrument: Array
+    """Standard deviation of the height of the instrument, metres; NaN: that of its centring."""
+    vertical_target: Array
+    """Standard deviation of the height of the target, metres; NaN: that of its centring."""
 
     @classmethod
     def of(cls, sigmas: Sequence[StandardDeviation]) -> Parts:
         """Return the parts of standard deviations."""
-        return cls(*(np.array([getattr(s, n) for s in sigmas]) for n in ("constant", *PARTS)))
+        names = ("constant", *PARTS)
+        return cls(*(np.array([getattr(s, n) for s in sigmas], dtype=float) for n in names))
 
 
 @dataclass(frozen=True)
@@ -116,7 +123,46 @@ class Weight:
 
 def _of_lengths(p: Parts, geometry: Geometry) -> Effects:
     length = np.abs(geometry.observed)
+    return Effects((p.constant, 1e-6 * p.ppm * length), _along(p, geometry))
+
+
+def _of_plain_lengths(p: Parts, geometry: Geometry) -> Effects:
+    length = np.abs(geometry.observed)
     return Effects((p.constant, 1e-6 * p.ppm * length), (p.centring_instrument, p.centring_target))
+
+
+def _along(p: Parts, geometry: Geometry) -> tuple[Array, Array]:
+    """Return the movement of both ends along their sight, metres."""
+    level, up = _level_and_up(geometry)
+    return _moved(p, level, up)
+
+
+def _across(p: Parts, geometry: Geometry) -> tuple[Array, Array]:
+    """Return the movement of both ends across their sight in its vertical plane, metres."""
+    level, up = _level_and_up(geometry)
+    return _moved(p, up, level)
+
+
+def _level_and_up(geometry: Geometry) -> tuple[Array, Array]:
+    """Return sin z and |cos z| of sights; 1 and 0 where both ends are one place."""
+    q = geometry.sight()
+    slope = np.linalg.norm(q, axis=1)
+    apart = slope > 0
+    safe = np.where(apart, slope, 1.0)
+    return np.where(apart, _level(q) / safe, 1.0), np.abs(q[:, 2]) / safe
+
+
+def _moved(p: Parts, horizontal: Array, vertical: Array) -> tuple[Array, Array]:
+    """Return √((c·horizontal)² + (v·vertical)²) of both ends, (n,) metres; c where v is NaN."""
+    ends = (
+        (p.centring_instrument, p.vertical_instrument),
+        (p.centring_target, p.vertical_target),
+    )
+    # Without a part for the height the direction does not matter, and may be unknown.
+    instrument, target = (
+        np.where(np.isnan(v), c, np.hypot(c * horizontal, v * vertical)) for c, v in ends
+    )
+    return instrument, target
 
 
 def _of_levelling(p: Parts, geometry: Geometry) -> Effects:
@@ -128,7 +174,8 @@ def _of_levelling(p: Parts, geometry: Geometry) -> Effects:
 
 def _of_inclinations(p: Parts, geometry: Geometry) -> Effects:
     slope = np.linalg.norm(geometry.sight(), axis=1)
-    return Effects((p.constant,), (p.centring_instrument / slope, p.centring_target / slope))
+    instrument, target = _across(p, geometry)
+    return Effects((p.constant,), (instrument / slope, target / slope))
 
 
 def _of_directions(p: Parts, geometry: Geometry) -> Effects:
@@ -153,12 +200,16 @@ def _level(q: Array) -> Array:
     return np.hypot(q[:, 0], q[:, 1])
 
 
-LENGTHS = Weight(_of_lengths, ("ppm", *CENTRING))
-"""Variance of distances."""
+LENGTHS = Weight(_of_lengths, ("ppm", *CENTRING, *VERTICAL))
+"""Variance of slope distances."""
+PLAIN_LENGTHS = Weight(_of_plain_lengths, ("ppm", *CENTRING))
+"""Variance of lengths on which heights have no effect, or whose axes are those of a frame."""
 LEVELLING = Weight(_of_levelling, ("per_sqrt_km",))
 """Variance of levelled height differences: a level has no centring."""
-INCLINATIONS = Weight(_of_inclinations)
+INCLINATIONS = Weight(_of_inclinations, (*CENTRING, *VERTICAL))
 """Variance of vertical and zenith angles."""
+PLAIN_INCLINATIONS = Weight(_of_inclinations)
+"""Variance of zenith angles whose axes are those of a frame."""
 DIRECTIONS = Weight(_of_directions)
 """Variance of horizontal directions and azimuths."""
 ANGLES = Weight(_of_angles)

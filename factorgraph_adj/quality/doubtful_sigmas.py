@@ -233,8 +233,9 @@ def _with_part(s: Solution, blocks: Sequence[Block], part: str, by: float) -> Ar
     for i in ids:
         o = network.observations.get(i)
         sigma = getattr(o, "sigma", None)
-        if o is not None and isinstance(sigma, StandardDeviation) and getattr(sigma, part) > 0.0:
-            changed = replace(sigma, **{part: by * getattr(sigma, part)})
+        value = getattr(sigma, part) if isinstance(sigma, StandardDeviation) else None
+        if o is not None and isinstance(sigma, StandardDeviation) and value:
+            changed = replace(sigma, **{part: by * value})
             network.observations[i] = replace(o, sigma=changed)  # type: ignore[call-arg]
             touched = True
     if not touched:

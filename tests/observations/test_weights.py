@@ -24,6 +24,12 @@ A, B, CI, CT = 0.002, 3e-6, 0.0015, 0.0025
 D, TURN = 300.0, 2e-5
 DISTANCE = {"ppm": 3.0, "centring_instrument": CI, "centring_target": CT}
 CENTRED = {"centring_instrument": CI, "centring_target": CT}
+VI, VT = 0.0008, 0.0011
+SIN, COS = 0.8, 0.6
+"""Of the zenith angle of the sight from S to T."""
+HEIGHTS = {**CENTRED, "vertical_instrument": VI, "vertical_target": VT}
+ALONG = hypot(CI * SIN, VI * COS), hypot(CT * SIN, VT * COS)
+ACROSS = hypot(CI * COS, VI * SIN), hypot(CT * COS, VT * SIN)
 
 
 def network_of(o: Observation) -> fga.Network:
@@ -69,6 +75,22 @@ EXPECTED = {
         TURN + (CI + CT) / 300.0,
         sqrt(TURN**2 + (CI**2 + CT**2) / 300.0**2),
     ),
+    "distance with heights": (
+        lambda s: SlopeDistance(
+            "S", "T", D, sigma=fga.StandardDeviation(A, ppm=3.0, **HEIGHTS, combine=s)
+        ),
+        hypot(A + B * D, *ALONG),
+        A + B * D + sum(ALONG),
+        hypot(A, B * D, *ALONG),
+    ),
+    "zenith angle with heights": (
+        lambda s: ZenithAngle(
+            "S", "T", 0.93, sigma=fga.StandardDeviation(TURN, **HEIGHTS, combine=s)
+        ),
+        hypot(TURN, ACROSS[0] / D, ACROSS[1] / D),
+        TURN + sum(ACROSS) / D,
+        hypot(TURN, ACROSS[0] / D, ACROSS[1] / D),
+    ),
     "angle": (
         lambda s: HorizontalAngle(
             "S", "T", "U", 1.57, sigma=fga.StandardDeviation(TURN, **CENTRED, combine=s)
@@ -94,6 +116,34 @@ def test_parts_combine_as_is_said(kind, place):
     make, *expected = EXPECTED[kind]
     choice = ("mixed", "linear", "quadratic")[place]
     assert sigma_of(make(choice)) == pytest.approx(expected[place], rel=1e-12)
+
+
+def test_a_height_as_uncertain_as_the_centring_changes_nothing():
+    """No stated height is the centring of its end, in all directions alike."""
+    alike = {**CENTRED, "vertical_instrument": CI, "vertical_target": CT}
+    for make in (
+        lambda sigma: SlopeDistance("S", "T", D, sigma=sigma),
+        lambda sigma: ZenithAngle("S", "T", 0.93, sigma=sigma),
+    ):
+        found = [sigma_of(make(fga.StandardDeviation(TURN, **p))) for p in (CENTRED, alike)]
+        assert found[1] == pytest.approx(found[0], rel=1e-14)
+
+
+def test_a_height_that_is_known_exactly_is_written_and_read(tmp_path):
+    """0 is a value of a height: a zenith angle of a pillar has the centring across its sight."""
+    sigma = fga.StandardDeviation(TURN, **CENTRED, vertical_instrument=0.0, vertical_target=VT)
+    network = network_of(ZenithAngle("S", "T", 0.93, sigma=sigma))
+    fga.write_project(network, tmp_path / "project.toml")
+    assert fga.read_project(tmp_path).observations["1"].sigma == sigma
+    assert sigma.scaled(2.0).vertical_instrument == 0.0
+    assert fga.StandardDeviation(TURN, **CENTRED).scaled(2.0).vertical_target is None
+
+
+def test_a_scaled_standard_deviation_has_all_its_parts_scaled():
+    sigma = fga.StandardDeviation(A, ppm=3.0, **HEIGHTS)
+    assert sigma.scaled(3.0) == fga.StandardDeviation(
+        3 * A, ppm=9.0, **{name: 3 * value for name, value in HEIGHTS.items()}
+    )
 
 
 def test_mixed_is_what_is_meant_without_a_choice():
@@ -144,6 +194,9 @@ def test_parts_without_an_effect_are_refused():
     """A levelled height once took centring without a word; other idle parts did nothing."""
     with pytest.raises(fga.InputError, match="centring_target of sigma has no effect on a height"):
         HeightDifference("S", "T", 1.0, sigma=fga.StandardDeviation(A, centring_target=CT))
+    heights = fga.StandardDeviation(A, vertical_target=CT)
+    with pytest.raises(fga.InputError, match="vertical_target of sigma has no effect on a hori"):
+        fga.HorizontalDistance("S", "T", 1.0, sigma=heights)
     with pytest.raises(fga.InputError, match="ppm of sigma has no effect on a direction"):
         Direction("S", "T", 1.0, sigma=fga.StandardDeviation(A, ppm=2.0))
 

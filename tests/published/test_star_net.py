@@ -10,6 +10,7 @@ Its column of scales, 0.99985, contradicts its own coordinates and vectors and i
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -89,6 +90,7 @@ POSITIONS = {
 }
 """Latitude, longitude west, convergence (seconds)."""
 HALF_DIGIT, HALF_MICROMETRE = 0.5e-4, 0.5e-6
+HALF_HUNDREDTH = 0.005
 
 
 def data_file(folder: Path, control: str = CONTROL) -> Path:
@@ -179,6 +181,26 @@ def test_a_control_point_by_latitude_and_longitude_gives_the_same(
     for name in PRINTED:
         a, b = (fga.grid_coordinates(s).point(name) for s in (adjusted, other))
         np.testing.assert_allclose(a, b, rtol=0, atol=HALF_DIGIT)
+
+
+def test_the_standard_error_of_a_steep_zenith_angle_is_that_of_a_listing(tmp_path: Path) -> None:
+    """POT to 108: 35.882 m at 81-42-38, 5.48″ (tests/fixtures/industry_case_traverse_input.txt).
+
+    Zenith angle 3.28473″, centring 1.5 mm at both ends, heights 0.5 mm. The heights alone give
+    5.23″.
+    """
+    options = {
+        **{"adjustment": "3D", "linear": "Meters", "angular": "DMS", "order": "EN"},
+        **{"distances": "slope", "distance": 0.003, "distance_ppm": 2.0, "refraction": 0.07},
+        **{"zenith": 3.28473, "centring_instrument": 0.0015, "centring_target": 0.0015},
+        "centring_vertical": 0.0005,
+    }
+    path = tmp_path / "sight.dat"
+    path.write_text("C POT 0 0 0 ! ! !\nC 108 0 35.507 5.174\nDV POT-108 35.8820 81-42-38.35\n")
+    network = fga.read(path, options=options)
+    network.points["108"] = replace(network.points["108"], fixed=(True, False, False))
+    zenith = fga.adjust(network).observations.sigmas[1]
+    assert zenith / ARCSEC == pytest.approx(5.48, abs=HALF_HUNDREDTH)
 
 
 def _degrees(text: str) -> float:

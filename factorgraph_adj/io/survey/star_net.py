@@ -79,11 +79,12 @@ def read_star_net(
 
     Units, orders and default standard errors are in the project file of STAR*NET, not here: the
     reader demands each one that a line uses, and names the first line. Standard errors combine as
-    in STAR*NET: distance = constant + ppm, with centring √(σ² + ci² + ct²). Curvature and
-    refraction of STAR*NET, (1 − 2·0.07) D²/2R, are a held group of refraction κ = 2·0.07 − 1.
-    Every side shot (SS) is a point of its own, which bears on no other (`Point.side_shot`). A
-    direction with a zenith angle beyond 180° was read in reverse, 180° from face 1. A 2D project
-    holds z = 0, LEV holds x and y. Data of a 3D line in a 2D project is reduced to the horizontal.
+    in STAR*NET: distance = constant + ppm, with the centring of both ends along or across the sight
+    (`StandardDeviation`). Curvature and refraction of STAR*NET, (1 − 2·0.07) D²/2R, are a held
+    group of refraction κ = 2·0.07 − 1. Every side shot (SS) is a point of its own, which bears on
+    no other (`Point.side_shot`). A direction with a zenith angle beyond 180° was read in reverse,
+    180° from face 1. A 2D project holds z = 0, LEV holds x and y. Data of a 3D line in a 2D project
+    is reduced to the horizontal.
 
     With the reference system of a project in a grid, CH, EH, P, PH and GPS vectors (G0 to G3) are
     read too, and the network is in a topocentric frame (`from_grid`): neither the scale of the grid
@@ -386,9 +387,10 @@ class _Reader:
     ) -> None:
         text, error = given["distance"]
         value = self.values.length(line, text, "distance")
-        sigma = self.values.sigma(line, error, "distance")
         in_space = self.values.now.dimension != "2D"
         sloping = in_space and self._mode(line) != "horizontal"
+        reduced = flat or not sloping
+        sigma = self.values.sigma(line, error, "distance" if reduced else "slope distance")
         if not sloping:
             self._add(line, HorizontalDistance, ends, value, sigma)
         elif flat:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ...errors import known
+from ...observations.variances import CENTRING
 from ...stochastic_model import StandardDeviation
 from ...units import ARCSEC, GON
 from ..numbers import PACKED_DEGREES, PACKED_PATTERN
@@ -200,16 +201,17 @@ class StarNetValues:
         Args:
             line: its line.
             text: its standard error as written; None: the default.
-            kind: setting of the options with the default.
+            kind: setting of the options with the default, or ``slope distance``.
             distance: distance of an elevation difference, metres, where the line has it.
         """
         entered = text not in (None, "&", "*", "!")
         angular = kind in ("angle", "direction", "azimuth", "zenith")
+        setting = kind.removeprefix("slope ")
         if text == "!":
             return HELD_ANGLE_SIGMA_RAD if angular else HELD_LENGTH_SIGMA_M
         if entered:
             scale = self._angular_error(line) if angular else self.metres
-            field = self.source.field(line, text, f"standard error of the {kind}")
+            field = self.source.field(line, text, f"standard error of the {setting}")
             value = field.number(scale=scale, least=0.0)
             if value == 0:
                 return HELD_ANGLE_SIGMA_RAD if angular else HELD_LENGTH_SIGMA_M
@@ -249,14 +251,15 @@ class StarNetValues:
 
     def _default(self, line: int, kind: str, angular: bool, distance: float | None) -> Sigma:
         o = self.options
-        constant = self.demand(line, kind)
+        setting = kind.removeprefix("slope ")
+        constant = self.demand(line, setting)
         if angular:
             unit = self.word(line, "angular", o.angular)
             return self._centred(
                 line, kind, constant * (1e-3 * GON if unit == "GONS" else ARCSEC), 0
             )
         self.word(line, "linear", o.linear)
-        ppm = self.demand(line, f"{kind}_ppm")
+        ppm = self.demand(line, f"{setting}_ppm")
         constant *= o.metres
         if kind == "elevation":
             if ppm > 0 and distance is None:
@@ -269,21 +272,30 @@ class StarNetValues:
         return self._centred(line, kind, constant, ppm)
 
     def _centred(self, line: int, kind: str, constant: float, ppm: float) -> Sigma:
-        """Return σ with centring; that of the heights counts for what is vertical."""
-        names = ("centring_instrument", "centring_target")
-        if kind in ("zenith", "elevation"):
-            names = ("centring_vertical",) * 2
-        if kind in ("azimuth", "level"):
+        """Return σ with centring: that of heights counts for what is not horizontal.
+
+        Args:
+            line: line of the observation.
+            kind: setting of the options with its default.
+            constant: constant part, SI.
+            ppm: part that grows with the distance.
+        """
+        names = {
+            **dict.fromkeys(("azimuth", "level"), ()),
+            "elevation": ("centring_vertical",),
+            **dict.fromkeys(("zenith", "slope distance"), (*CENTRING, "centring_vertical")),
+        }.get(kind, CENTRING)
+        if not names:
             return constant
-        ci, ct = (self.demand(line, n) * self.options.metres for n in names)
-        if any(math.isnan(v) for v in (constant, ppm, ci, ct)):
+        parts = [self.demand(line, n) * self.options.metres for n in names]
+        if any(math.isnan(v) for v in (constant, ppm, *parts)):
             return math.nan
-        if not (constant > 0 or ppm > 0 or ci > 0 or ct > 0):
+        if not max(constant, ppm, *parts) > 0:
             self.source.wrong(line, f"the standard error of the {kind} is 0: state it in options")
             return math.nan
         if kind == "elevation":
-            return math.hypot(constant, ci, ct)
-        return StandardDeviation(constant, ppm, 0.0, ci, ct)
+            return math.hypot(constant, *parts, *parts)
+        return StandardDeviation(constant, ppm, 0.0, *parts[:2], "mixed", *parts[2:] * 2)
 
 
 def apply_inline_option(values: StarNetValues, line: int, words: list[str]) -> str | None:

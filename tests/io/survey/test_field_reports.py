@@ -10,7 +10,7 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.units import ARCSEC
-from tests.io.survey import field_files
+from tests.io.field_books import field_files
 
 FULL = """\
 *110001+00000000000000P1 81..10+0000000000100000 82..10+0000000000200000 83..10+0000000000050000

@@ -12,7 +12,7 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
 from tests.hostile.sources import GAMA
-from tests.io.survey import field_files
+from tests.io.field_books import field_files
 from tests.networks import jag3d, survey_files
 
 

@@ -212,7 +212,7 @@ def test_default_standard_errors_have_the_centring_of_the_project(tmp_path):
     assert o.sigma == StandardDeviation(4 * ARCSEC, 0.0, 0.0, c, c)
     (o,) = only(tmp_path, "D 1-2 342.45 5.4/5.1")
     assert isinstance(o, SlopeDistance)
-    assert o.sigma == StandardDeviation(0.0075 * FOOT, 2.0, 0.0, c, c)
+    assert o.sigma == StandardDeviation(0.0075 * FOOT, 2.0, 0.0, c, c, "mixed", 0.0, 0.0)
     assert math.isclose(o.value, 342.45 * FOOT)
     assert np.allclose((o.instrument_height, o.target_height), (5.4 * FOOT, 5.1 * FOOT))
     (o,) = only(tmp_path, ".ADDCENTERING ON\nA 3-2-4 102-34-12.5 2.5")
