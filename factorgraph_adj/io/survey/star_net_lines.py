@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ...errors import known
-from ...observations.variances import CENTRING
+from ...observations.variances import CENTRING, VERTICAL
 from ...stochastic_model import StandardDeviation
 from ...units import ARCSEC, GON
 from ..numbers import PACKED_DEGREES, PACKED_PATTERN
@@ -295,7 +295,8 @@ class StarNetValues:
             return math.nan
         if kind == "elevation":
             return math.hypot(constant, *parts, *parts)
-        return StandardDeviation(constant, ppm, 0.0, *parts[:2], "mixed", *parts[2:] * 2)
+        heights = dict.fromkeys(VERTICAL, parts[2]) if len(parts) > 2 else {}
+        return StandardDeviation(constant, ppm, 0.0, parts[0], parts[1], **heights)
 
 
 def apply_inline_option(values: StarNetValues, line: int, words: list[str]) -> str | None:
