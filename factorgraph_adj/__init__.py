@@ -29,7 +29,7 @@ if _TYPE_CHECKING:
     from .frames import GeocentricFrame, LocalFrame, TopocentricFrame
     from .graph.observation_selection import without
     from .incremental.adjustment import IncrementalAdjustment
-    from .io.field_books.field_book import Accuracies
+    from .io.field_books.accuracies import Accuracies
     from .io.field_books.gsi import read_gsi
     from .io.field_books.jobxml import read_jobxml
     from .io.field_books.landxml import read_landxml, write_landxml
@@ -270,7 +270,7 @@ _NAMES = {
     "io.readers": "read register_reader",
     "io.solution_file": "load_solution",
     "io.survey.comp3d": "read_comp3d",
-    "io.field_books.field_book": "Accuracies",
+    "io.field_books.accuracies": "Accuracies",
     "io.survey.gama": "read_gama",
     "io.field_books.gsi": "read_gsi",
     "io.survey.jag3d": "read_jag3d write_jag3d",

@@ -16,6 +16,9 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from ..errors import InputError, Problem, known, similar
 
+NONE_WORD = "none"
+"""Word of the command for an option that is None, such as ``refraction=none``."""
+
 
 def options_of(function: Callable[..., object]) -> tuple[str, ...]:
     """Return the names of the keyword-only arguments of a function, and of the fields of groups."""
@@ -83,7 +86,8 @@ def fitting_options(
 ) -> dict[str, Any]:
     """Return options with values that the annotations of a function allow.
 
-    A whole number is taken for a text where only a text is allowed: a name such as 101.
+    A whole number is taken for a text where only a text is allowed: a name such as 101. ``none`` is
+    taken for None where None is allowed and no text.
 
     Args:
         function: the function; its keyword-only arguments are options.
@@ -110,6 +114,9 @@ def fitting_options(
         hint = hints.get(name, Any)
         if _fits(value, hint):
             continue
+        if isinstance(value, str) and value.lower() == NONE_WORD and _fits(None, hint):
+            out[name] = None  # TOML, in which the command takes values, has no null
+            continue
         as_text = str(value) if isinstance(value, int) and not isinstance(value, bool) else None
         if as_text is not None and _fits(as_text, hint):
             out[name] = as_text
@@ -119,6 +126,15 @@ def fitting_options(
     if problems:
         raise InputError(problems)
     return out
+
+
+def option_text(name: str, value: str) -> str:
+    """Return how an option is given to the function and to the command, for messages.
+
+    >>> option_text("fixed", "A,B")
+    'fixed=A,B (--set fixed=A,B)'
+    """
+    return f"{name}={value} (--set {name}={value})"
 
 
 def _kinds(function: Callable[..., object]) -> dict[str, Any]:

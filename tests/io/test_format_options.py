@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
@@ -105,12 +106,30 @@ def test_a_name_that_is_a_number_is_a_name() -> None:
     assert fitting_options(reader, {"several": 7}, doing="", where="") == {"several": "7"}
 
 
+@pytest.mark.parametrize("word", ["none", "None", "NONE"])
+def test_none_is_nothing_where_nothing_is_allowed_and_no_text(word: str) -> None:
+    """The command has no other word: refraction=none; a station may be called none."""
+
+    def book(*, refraction: float | None = 0.13, station: str | None = None) -> None:
+        """Read."""
+
+    given = {"refraction": word, "station": word}
+    found = fitting_options(book, given, doing="", where="")
+    assert found == {"refraction": None, "station": word}
+    with pytest.raises(InputError, match="option sigma must be a number, not 'none'"):
+        fitting_options(reader, {"sigma": "none"}, doing="", where="")
+
+
 @pytest.mark.parametrize("entry", [*READERS.entries, *WRITERS.entries], ids=lambda e: e.name)
 def test_the_defaults_of_every_format_are_of_the_kinds_that_are_valid(entry: Any) -> None:
     """An annotation that cannot be resolved, or that its default contradicts, would refuse all."""
     function = getattr(entry, "write", None) or entry.load
     function = function.read if isinstance(function, NetworkReader) else function
-    given = dict(function.__kwdefaults__ or {})
+    given = {
+        p.name: p.default
+        for p in inspect.signature(function).parameters.values()
+        if p.kind is p.KEYWORD_ONLY and p.default is not p.empty
+    }
     for group in [v for v in given.values() if is_dataclass(v)]:
         given |= {f.name: getattr(group, f.name) for f in fields(group)}
     given = {n: v for n, v in given.items() if n in entry.options}

@@ -17,7 +17,8 @@ from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.io.adjustment_options import AdjustOptions
 from factorgraph_adj.io.field_books import gsi
-from factorgraph_adj.io.field_books.field_book import DEFAULT_ACCURACIES, Accuracies, FieldBook
+from factorgraph_adj.io.field_books.accuracies import DEFAULT_ACCURACIES, Accuracies
+from factorgraph_adj.io.field_books.field_book import FieldBook
 from factorgraph_adj.io.field_books.field_records import (
     NEEDED,
     RecordField,

@@ -1,10 +1,13 @@
-"""Field book of total stations and levels as a network: set-ups, rounds, sights, accuracies.
+"""Field book of total stations and levels as a network: set-ups, rounds, sights, backsights.
 
 Readers of field books fill it with what they read: points, set-ups, sights and levelled height
 differences; a network is made from it. A target that is read again in the same face of a set-up
 begins another round. Every round is a set of directions with an orientation unknown of its own,
 since nothing in a field book says whether the circle was turned between rounds. Field books have no
 accuracies: `Accuracies` states them, and how readings in two faces are reduced.
+
+A book of directions and horizontal distances alone is a plane network, which holds all heights. The
+sights before any station, where the format may lack one, are those of `unnamed_station`.
 """
 
 from __future__ import annotations
@@ -13,133 +16,28 @@ import math
 from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from typing import Any, get_args
+from typing import Any
 
-from ...errors import InputError, Problem, known
+from ...errors import InputError, known
 from ...frames import LocalFrame
 from ...network.face_readings import FaceReading
-from ...network.face_reduction import FacesChoice, ReducedFaces, reduce_faces
+from ...network.face_reduction import ReducedFaces, reduce_faces
 from ...network.network import Network
 from ...observations import HeightDifference, HorizontalDistance, Observation
 from ...stochastic_model import StandardDeviation
-from ...units import ANGLE, LENGTH
-from ..source import Source
+from ...units import LENGTH
+from ..format_options import option_text
+from ..source import LeftOutReason, Source
+from .accuracies import NO_SIGMAS, Accuracies, StatedSigmas, root_mean_square
+from .unnamed_station import WITHOUT_STATION, UnnamedSights
 
-DEFAULT_DIRECTION_MGON, DEFAULT_ZENITH_MGON = 1.0, 1.0
-"""Default σ of a reading of a circle in one face, milligons: an instrument of 3″."""
-DEFAULT_DISTANCE_MM, DEFAULT_DISTANCE_PPM = 2.0, 2.0
-"""Default σ of a distance: 2 mm + 2 ppm, usual for total stations with prisms."""
-DEFAULT_CENTRING_MM = 1.0
-"""Default σ of the centring of instrument and of target, millimetres: tribrach and tripod."""
-DEFAULT_LEVELLING_MM = 1.0
-"""Default σ of one kilometre of levelled line, millimetres."""
-DEFAULT_REFRACTION = 0.13
-"""Default coefficient of refraction k (Gauss)."""
-
-
-STATED_SIGMAS = ("sigma_direction_mgon", "sigma_zenith_mgon", "sigma_distance_mm")
-"""Standard deviations that a file may state."""
 MAX_COORDINATE_DIFFERENCE_M = 1e-4
 """Coordinates of a point that is stated twice differ by less, metres."""
 UNKNOWN_COORDINATES = (math.nan, math.nan, math.nan)
-
-
-@dataclass(frozen=True)
-class Accuracies:
-    """Standard deviations of the readings of a field book, and how they are reduced.
-
-    Every reader of field books takes them as ``accuracies``, because the files do not have them.
-    `factorgraph_adj.read` and the commands (``--set``) also take each field as an option of its
-    own.
-
-    Raises:
-        InputError: numbers that are no standard deviations, all of them.
-    """
-
-    sigma_direction_mgon: float | None = None
-    """σ of a horizontal reading in one face, mgon; None: that of the file, which JobXML may have,
-    or 1."""
-    sigma_zenith_mgon: float | None = None
-    """σ of a zenith reading in one face, mgon; None: that of the file, or 1."""
-    sigma_distance_mm: float | None = None
-    """Constant part of σ of a distance, mm; None: that of the file, which then has no part that
-    grows, or 2."""
-    ppm: float = DEFAULT_DISTANCE_PPM
-    """Part of σ of a distance that grows with it, mm/km."""
-    centring_mm: float | None = None
-    """σ of the centring of instrument and of target, mm; None: 1, and 0 for both faces."""
-    sigma_levelling_mm: float = DEFAULT_LEVELLING_MM
-    """σ of one kilometre of levelled line, mm."""
-    faces: FacesChoice = "means"
-    """Means of two faces, or both readings, see `factorgraph_adj.reduce_faces`."""
-    refraction: float | None = DEFAULT_REFRACTION
-    """Coefficient of refraction k. None: heights are above a plane, neither curvature nor
-    refraction."""
-
-    def __post_init__(self) -> None:
-        """Refuse numbers that are no standard deviations."""
-        problems = []
-        for name in (*STATED_SIGMAS, "sigma_levelling_mm"):
-            value = getattr(self, name)
-            if not (value is None and name in STATED_SIGMAS) and not _is_within(value, 1e-9, 1e6):
-                problems.append(_range_problem(name, "a number > 0", value))
-        for name in ("ppm", "centring_mm"):
-            value = getattr(self, name)
-            if not (value is None and name == "centring_mm") and not _is_within(value, 0.0, 1e6):
-                problems.append(_range_problem(name, "a number ≥ 0", value))
-        if self.faces not in (valid := get_args(FacesChoice)):
-            problems.append(_range_problem("faces", known(valid, meant=self.faces), self.faces))
-        if self.refraction is not None and not _is_within(self.refraction, -10.0, 10.0):
-            problems.append(_range_problem("refraction", "a number such as 0.13", self.refraction))
-        if problems:
-            raise InputError(problems)
-
-    @property
-    def centring(self) -> float:
-        """σ of the centring of instrument and of target, metres."""
-        usual = DEFAULT_CENTRING_MM if self.faces == "means" else 0.0
-        return (usual if self.centring_mm is None else self.centring_mm) * LENGTH["mm"]
-
-    def direction(self, stated: float | None) -> float | StandardDeviation:
-        """Return σ of a horizontal reading, with the centring of both ends.
-
-        Args:
-            stated: σ that the file states, radians; it counts where none is given.
-        """
-        return self._angle(self.sigma_direction_mgon, stated, DEFAULT_DIRECTION_MGON)
-
-    def zenith(self, stated: float | None) -> float | StandardDeviation:
-        """Return σ of a zenith reading as `direction` does."""
-        return self._angle(self.sigma_zenith_mgon, stated, DEFAULT_ZENITH_MGON)
-
-    def _angle(
-        self, given: float | None, stated: float | None, usual: float
-    ) -> float | StandardDeviation:
-        c = self.centring
-        constant = (usual if given is None else given) * ANGLE["mgon"]
-        if given is None and stated is not None:
-            constant = stated
-        if c == 0.0:
-            return constant
-        return StandardDeviation(constant, centring_instrument=c, centring_target=c)
-
-    def distance(self, stated: float | None) -> StandardDeviation:
-        """Return σ of a distance, with the centring of both ends.
-
-        Args:
-            stated: σ that the file states, metres; it has no part that grows, and counts where
-                none is given.
-        """
-        c, given = self.centring, self.sigma_distance_mm
-        constant = (DEFAULT_DISTANCE_MM if given is None else given) * LENGTH["mm"]
-        ppm = self.ppm
-        if given is None and stated is not None:
-            constant, ppm = stated, 0.0
-        return StandardDeviation(constant, ppm=ppm, centring_instrument=c, centring_target=c)
-
-    def levelling(self) -> StandardDeviation:
-        """Return σ of a levelled height difference."""
-        return StandardDeviation(per_sqrt_km=self.sigma_levelling_mm * LENGTH["mm"])
+WITHOUT_READING = LeftOutReason("sights", "they have no reading")
+REPEATED_BACKSIGHTS = LeftOutReason(
+    "circle readings of backsights", "sights of their set-ups have the directions"
+)
 
 
 def name_list(given: str | Iterable[str]) -> tuple[str, ...]:
@@ -149,20 +47,6 @@ def name_list(given: str | Iterable[str]) -> tuple[str, ...]:
     if isinstance(given, int | float):  # a name that the command line took for a number
         return (str(given),)
     return tuple(str(n) for n in given)
-
-
-def _is_within(value: object, low: float, high: float) -> bool:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return False
-    return math.isfinite(value) and low <= value <= high
-
-
-def _range_problem(name: str, valid: str, value: object) -> Problem:
-    return Problem(f"must be {valid}, not {value!r}", name)
-
-
-DEFAULT_ACCURACIES = Accuracies()
-"""Accuracies of an instrument of 3″ and 2 mm + 2 ppm on tripods, and means of both faces."""
 
 
 @dataclass
@@ -181,22 +65,24 @@ class SetUp:
     """Names of its sets of directions."""
     horizontals: list[tuple[int, HorizontalDistance]] = field(default_factory=list)
     """Its horizontal distances, with their places among the other observations of the book."""
-
-
-@dataclass(frozen=True)
-class StatedSigmas:
-    """Standard deviations that a file states for a sight: radians, radians, metres."""
-
-    direction: float | None = None
-    zenith: float | None = None
-    distance: float | None = None
+    oriented: set[str] = field(default_factory=set)
+    """Targets whose directions were read."""
+    backsights: list[tuple[int, str, float, float | None, int | None]] = field(default_factory=list)
+    """Line, target, circle reading, target height and face of records of backsights."""
 
 
 class FieldBook:
     """Points, set-ups, sights and height differences of a file."""
 
     def __init__(
-        self, source: Source, accuracies: Accuracies, fixed: str | Iterable[str] = ()
+        self,
+        source: Source,
+        accuracies: Accuracies,
+        fixed: str | Iterable[str] = (),
+        *,
+        station: str | None = None,
+        may_lack_station: bool = False,
+        zero_is_unmeasured: bool = True,
     ) -> None:
         """Start an empty book of a file.
 
@@ -205,6 +91,13 @@ class FieldBook:
             accuracies: standard deviations, and how readings are reduced.
             fixed: names of the points that are held at the coordinates of the file; in a text
                 they are separated by commas.
+            station: name of the station of sights before any station; None: see
+                ``may_lack_station``.
+            may_lack_station: whether files of the format may have no record of a station: the
+                reader has the option ``station``, which messages name, and sights before any
+                station are `UnnamedSights`; otherwise they are a problem.
+            zero_is_unmeasured: whether distances of exactly 0 were not measured, as files of
+                instruments mean it.
         """
         self.source = source
         self.held = name_list(fixed)
@@ -214,9 +107,14 @@ class FieldBook:
         self.levelled_points: set[str] = set()
         self.sighted: set[str] = set()
         self.current: SetUp | None = None
-        self.without_station: list[int] = []
-        """Lines of sights before any set-up."""
+        self.may_lack_station = may_lack_station or station is not None
+        self.zero_is_unmeasured = zero_is_unmeasured
+        self.unnamed = UnnamedSights(station or "")
+        """Sights before any set-up."""
         self.setups: dict[str, int] = defaultdict(int)
+        self.begun: list[SetUp] = []
+        self.repeated: dict[str, tuple[float, int]] = {}
+        """Largest difference of coordinates that do not count, and its line, by point."""
         self.readings: dict[tuple[str, str], list[tuple[int, FaceReading, StatedSigmas]]] = {}
         self.others: list[Observation] = []
 
@@ -234,8 +132,9 @@ class FieldBook:
     ) -> None:
         """Note a point, with the coordinates that are known; None or NaN: one is not.
 
-        Coordinates that are stated first count. Others are a problem if they ought to ``agree``,
-        and ignored if they are results of the instrument, which differ from sight to sight.
+        Coordinates that are stated first count. Others are a problem if they ought to ``agree``.
+        Results of the instrument need not, as they differ from sight to sight: a remark of the
+        network names the largest differences.
         """
         if not name:
             return
@@ -244,8 +143,11 @@ class FieldBook:
         if given is None:
             self.points[name], self.said[name] = new, line
             return
-        both = [(a, b) for a, b in zip(given, new, strict=True) if a == a and b == b]
-        if agree and any(abs(a - b) > MAX_COORDINATE_DIFFERENCE_M for a, b in both):
+        differences = [abs(a - b) for a, b in zip(given, new, strict=True) if a == a and b == b]
+        difference = max(differences, default=0.0)
+        if difference > MAX_COORDINATE_DIFFERENCE_M and not agree:
+            self.repeated[name] = max(self.repeated.get(name, (0.0, 0)), (difference, -line))
+        elif difference > MAX_COORDINATE_DIFFERENCE_M:
             first = self.said[name]
             self.source.wrong(
                 line, f"coordinates of point {name!r} differ from those of line {first}"
@@ -259,11 +161,14 @@ class FieldBook:
         self.point(line, station)
         self.setups[station] += 1
         self.current = SetUp(station, height, str(self.setups[station]), line)
+        self.begun.append(self.current)
 
     def set_height(self, line: int, height: float) -> None:
         """Give the height of the instrument of the present set-up, before or after its sights."""
         at = self.current
-        if at is None:
+        if at is None and self.may_lack_station:
+            self.unnamed.heights.append((line, height))
+        elif at is None:
             self.source.wrong(line, "a height of the instrument before any station")
         elif at.height is None:
             at.height = height
@@ -290,9 +195,12 @@ class FieldBook:
         horizontal: float | None = None,
         target_height: float | None = None,
         face: int | None = None,
-        stated: StatedSigmas = StatedSigmas(),
+        stated: StatedSigmas = NO_SIGMAS,
+        coordinates: tuple[float, float, float] | None = None,
     ) -> None:
         """Note the readings of one target in one face of the present set-up, SI units.
+
+        A sight without any reading is left out, and counted.
 
         Args:
             line: line of the file.
@@ -304,11 +212,24 @@ class FieldBook:
             target_height: height of the target; None: 0.
             face: face, where the file states it; otherwise from the zenith reading.
             stated: standard deviations of the file.
+            coordinates: coordinates of the target that the file has beside the readings; they are
+                approximate ones, and those of three targets give a station that no record states.
         """
-        at = self.current
+        at, given = self.current, coordinates or UNKNOWN_COORDINATES
+        if self.zero_is_unmeasured:
+            distance, horizontal = distance or None, horizontal or None
+        if direction is None and zenith is None and distance is None and horizontal is None:
+            if target:
+                self.source.leave_out(line, WITHOUT_READING, target)
+            return
         if at is None:
-            self.without_station.append(line)
-        if at is None or not at.station or not target:
+            read_values = {"direction": direction, "zenith": zenith, "distance": distance}
+            read_values |= {"horizontal": horizontal, "target_height": target_height}
+            self.unnamed.add(line, target, given, **read_values, face=face, stated=stated)
+            return
+        if target and given != UNKNOWN_COORDINATES:
+            self.point(line, target, *given, agree=False)
+        if not at.station or not target:
             return  # what is no name has been noted
         self.point(line, target)
         self.sighted |= {at.station, target}
@@ -340,6 +261,8 @@ class FieldBook:
                 self.others.append(found)
         if direction is None and zenith is None and distance is None:
             return
+        if direction is not None:
+            at.oriented.add(target)
         rounds = at.rounds[target]
         number = next(
             (i for i, r in enumerate(rounds) if face not in r and target_height in r.values()),
@@ -362,6 +285,32 @@ class FieldBook:
         )
         at.sets.add(name)
         self.readings.setdefault((at.station, name), []).append((line, reading, stated))
+
+    def backsight(
+        self,
+        line: int,
+        target: str,
+        direction: float | None,
+        *,
+        target_height: float | None = None,
+        face: int | None = None,
+    ) -> None:
+        """Note a record that names the backsight of the present set-up and its circle reading.
+
+        The reading is a direction where no sight of the set-up has one of this target; otherwise
+        it is left out, and counted.
+
+        Args:
+            line: line of the file.
+            target: name of the backsight.
+            direction: circle reading, radians; None: the record has none.
+            target_height: height of the target; None: 0.
+            face: face; None: 1.
+        """
+        if self.current is None:
+            self.source.wrong(line, "a backsight before any station")
+        elif direction is not None:
+            self.current.backsights.append((line, target, direction, target_height, face))
 
     def levelled(self, line: int, back: str, fore: str, value: float, length: float) -> None:
         """Note a levelled height difference, metres, of a line of some length, metres."""
@@ -399,36 +348,117 @@ class FieldBook:
         Raises:
             InputError: the problems that were noted, and those of the readings, all of them.
         """
-        if self.without_station:
-            n = len(self.without_station)
-            what = "1 sight from here has" if n == 1 else f"{n} sights from here have"
-            self.source.wrong(self.without_station[0], f"{what} no station{hint}")
+        if self.unnamed.sights:
+            self._take_unnamed(hint)
+        for at in self.begun:
+            self._take_backsights(at)
         reduced = [self._reduced(k, list(v)) for k, v in self.readings.items()]
         if not self.source.problems.count and not reduced and not self.others and not self.points:
             self.source.wrong(1, "holds neither points nor observations")
         held = self.held
-        for name in held:
-            if name not in self.points:
-                names = known(self.points, meant=name)
-                self.source.wrong(1, f"fixed: there is no point {name!r}; known: {names}")
-            elif all(math.isnan(v) for v in self.points[name]):
-                self.source.wrong(1, f"fixed: the file has no coordinates of point {name!r}")
+        self._check_held()
         self.source.raise_all()
         stem = self.source.path.stem
         network = Network(stem, frame=LocalFrame(), datum="given" if held else "free")
-        self._add_points(network, held)
-        if self.accuracies.refraction is not None and reduced:
+        in_plan = self._is_in_plan()
+        self._add_points(network, held, in_plan=in_plan)
+        if self.accuracies.refraction is not None and reduced and not in_plan:
             # Heights follow the curved Earth while the frame is flat: κ = k − 1 does both.
             network.set_refraction(value=self.accuracies.refraction - 1.0, fixed=True)
         network.add(*self.others)
         for r in reduced:
             if r is not None:
                 r.add_to(network)
+        self._add_remarks(in_plan=in_plan)
         self.source.problems.finish(network)
         return network
 
-    def _add_points(self, network: Network, held: tuple[str, ...]) -> None:
-        """Add the points; those that were only levelled are held in plan."""
+    def _take_unnamed(self, hint: str) -> None:
+        """Take the sights before any station as set-ups, or note why they are none."""
+        unnamed, place = self.unnamed, self.source.place
+        found = unnamed.setups(self.points, place) if self.may_lack_station else []
+        why = "" if self.begun or not self.may_lack_station else unnamed.why_unknown()
+        if not found and (self.begun or why or not self.may_lack_station):
+            first, n = unnamed.sights[0].line, len(unnamed.sights)
+            what = "1 sight from here has" if n == 1 else f"{n} sights from here have"
+            if self.may_lack_station:
+                hint += f"; give {option_text('station', 'NAME')} if all are from one point"
+            self.source.wrong(first, f"{what} no station{why}{hint}")
+            return
+        readings, self.readings = self.readings, {}
+        taken = set()
+        for setup in found or [unnamed.the_only(self.points, place)]:
+            line = setup.sights[0].line
+            self.source.problems.remarks += [setup.remark] if setup.remark else []
+            self.point(line, setup.station, *setup.coordinates, agree=False)
+            self.begin(line, setup.station, setup.height)
+            for at, height in unnamed.heights_of(setup.sights):
+                self.set_height(at, height)
+            for s in setup.sights:
+                self.sight(s.line, s.target, **s.readings, coordinates=s.coordinates)
+                taken.add(s.line)
+        for s in unnamed.sights:
+            if s.line not in taken:
+                self.source.leave_out(s.line, WITHOUT_STATION, s.target)
+        # The sights are the first of the file, and their sets the first of the network.
+        self.readings = {**self.readings, **readings}
+
+    def _take_backsights(self, at: SetUp) -> None:
+        """Take the circle readings of the backsights of a set-up whose directions it has not."""
+        now, self.current = self.current, at
+        for line, target, direction, height, face in at.backsights:
+            if target in at.oriented:
+                self.source.leave_out(line, REPEATED_BACKSIGHTS, target)
+            else:
+                self.sight(line, target, direction=direction, target_height=height, face=face or 1)
+        self.current = now
+
+    def _check_held(self) -> None:
+        """Note names of points to hold that the file does not have, or has without coordinates."""
+        with_coordinates = [n for n, at in self.points.items() if any(v == v for v in at)]
+        example = option_text("fixed", ",".join(with_coordinates[:2]))
+        advice = f"; points with coordinates: {known(with_coordinates)}: give {example}"
+        if not with_coordinates:
+            advice = "; no point of the file has coordinates: without fixed the network is free"
+        for name in self.held:
+            if name not in self.points:
+                names = known(self.points, meant=name)
+                what = f"fixed: there is no point {name!r}; known: {names}"
+                self.source.wrong(1, what + advice * bool(self.points))
+            elif name not in with_coordinates:
+                what = f"fixed: the file has no coordinates of point {name!r}"
+                self.source.wrong(1, what + advice)
+
+    def _is_in_plan(self) -> bool:
+        """Return whether there are readings, none of which gives a height."""
+        sights = [r for found in self.readings.values() for _, r, _ in found]
+        if not sights and not self.others:
+            return False
+        return all(isinstance(o, HorizontalDistance) for o in self.others) and not any(
+            r.zenith is not None or r.distance is not None for r in sights
+        )
+
+    def _add_remarks(self, *, in_plan: bool) -> None:
+        """Say how heights that are missing and coordinates that are repeated were taken."""
+        remarks = self.source.problems.remarks
+        if in_plan:
+            what = "no reading gives a height: the network is plane, and holds the heights of all "
+            remarks.append(f"{what}points, at 0 where the file has none")
+        flat = [n for n in self.held if math.isnan(self.points[n][2])]
+        if flat and not in_plan:
+            what = "is held in plan alone" if len(flat) == 1 else "are held in plan alone"
+            remarks.append(f"{known(flat)} {what}: the file has no height")
+        if self.repeated:
+            largest = sorted(self.repeated.items(), key=lambda item: -item[1][0])
+            shown = [
+                f"{name} by {d:.4f} m ({self.source.place(-line)})" for name, (d, line) in largest
+            ]
+            n = "1 point is" if len(largest) == 1 else f"{len(largest)} points are"
+            what = f"coordinates of {n} stated again with other values, of which the first count"
+            remarks.append(f"{what}; they differ in {known(shown, most=5)}")
+
+    def _add_points(self, network: Network, held: tuple[str, ...], *, in_plan: bool) -> None:
+        """Add the points; those that were only levelled are held in plan, or all in height."""
         only_levelled = self.levelled_points - self.sighted
         for name, (e, n, u) in self.points.items():
             fixed = "".join(
@@ -437,6 +467,8 @@ class FieldBook:
             if name in only_levelled:
                 e, n = (0.0 if math.isnan(v) else v for v in (e, n))
                 fixed = "xy" + fixed.strip("xy")
+            if in_plan:
+                u, fixed = 0.0 if math.isnan(u) else u, fixed.strip("z") + "z"
             network.add_point(name, (e, n, u), fixed=fixed)
 
     def _reduced(
@@ -448,9 +480,9 @@ class FieldBook:
         try:
             return reduce_faces(
                 [r for _, r, _ in found],
-                sigma_direction=a.direction(_root_mean_square([s.direction for s in stated])),
-                sigma_zenith=a.zenith(_root_mean_square([s.zenith for s in stated])),
-                sigma_distance=a.distance(_root_mean_square([s.distance for s in stated])),
+                sigma_direction=a.direction(root_mean_square([s.direction for s in stated])),
+                sigma_zenith=a.zenith(root_mean_square([s.zenith for s in stated])),
+                sigma_distance=a.distance(root_mean_square([s.distance for s in stated])),
                 faces=a.faces,
             )
         except InputError as error:
@@ -459,9 +491,3 @@ class FieldBook:
                 of = next((n for label, n in lines.items() if p.where == label), found[0][0])
                 self.source.wrong(of, f"station {key[0]!r}, set {key[1]!r}: {p.what}")
             return None
-
-
-def _root_mean_square(stated: list[float | None]) -> float | None:
-    """Return the root mean square of standard deviations; None where there is none."""
-    given = [s for s in stated if s is not None]
-    return math.sqrt(sum(s * s for s in given) / len(given)) if given else None

@@ -2,8 +2,8 @@
 
 A format whose lines have fields in an order, in columns, or by keys is a table of its records. Each
 field has a name for the reader, a name in messages and a function that reads it: `read_name`,
-`read_number`, `read_length`, `read_angle`. `read_record` returns the values of a line by the
-reader's names::
+`read_number`, `read_length`, `read_angle`, `read_choice`. `read_record` returns the values of a
+line by the reader's names::
 
     POINT = (
         RecordField("name", "point", read_name),
@@ -57,6 +57,18 @@ def read_angle(field: Field, scales: Scales = SI) -> float:
     """Return the angle in a field, radians; NaN after a problem."""
     unit = scales.angle
     return field.number(unit) if isinstance(unit, str) else field.number(scale=unit)
+
+
+def read_choice(table: Mapping[str, Any]) -> Callable[[Field, Scales], Any]:
+    """Return a function that reads a word and returns its value in a table; None after a problem.
+
+    >>> face = RecordField("face", "face", read_choice({"F1": 1, "F2": 2}))
+    """
+
+    def read(field: Field, scales: Scales = SI) -> Any:
+        return field.choice(table)
+
+    return read
 
 
 @dataclass(frozen=True)

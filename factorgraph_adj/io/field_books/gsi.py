@@ -20,10 +20,12 @@ from pathlib import Path
 from ...errors import known
 from ...network.network import Network
 from ...units import ANGLE, FOOT
+from ..format_options import option_text
 from ..format_reader import NetworkReader, Reader
 from ..numbers import PACKED_DEGREES
 from ..source import Field, LeftOutReason, TextSource
-from .field_book import DEFAULT_ACCURACIES, Accuracies, FieldBook
+from .accuracies import DEFAULT_ACCURACIES, Accuracies
+from .field_book import FieldBook
 from .field_records import NEEDED, SI, RecordField, Scales, read_record
 
 GSI_WORD_PATTERN = re.compile(r"(\d\d)([0-9?./ ]{4})([+-].{1,16})", re.ASCII)
@@ -342,10 +344,14 @@ def read_gsi(
         InputError: every problem of the file, each with its line.
     """
     source = TextSource(path, code_page="cp1252")
-    book = FieldBook(source, accuracies, fixed)
+    book = FieldBook(
+        source,
+        accuracies,
+        fixed,
+        station=None if station is None else str(station),
+        may_lack_station=True,
+    )
     levelling, codes = LevelledLine(book), dict[str, bool]()
-    if station is not None:
-        book.begin(1, str(station))
     for block in gsi_blocks(source):
         line, (index, word) = block.line, block.words[0]
         if index == "41" and "?" in word:
@@ -363,12 +369,11 @@ def read_gsi(
             if not levelling.takes(block, name):
                 _read_block(book, block, name)
     levelling.end()
-    hint = ": no block before has words 84-86 or 88; state "
+    hint = ": no block before has words 84-86 or 88"
     if codes:
-        hint += "station_code if words 42 and 43 of a code name station and height of the "
-        hint += f"instrument (codes of the file: {known(codes)}), or station, the only one"
-    else:
-        hint += "station, the name of the only one"
+        code = option_text("station_code", next(iter(codes)))
+        hint += f"; give {code} if words 42 and 43 of this code name station and height of the "
+        hint += f"instrument (codes of the file: {known(codes)})"
     return book.network(hint=hint)
 
 
@@ -383,16 +388,15 @@ def _read_block(book: FieldBook, block: GsiBlock, name: str) -> None:
     fields = next(f for need, f in BLOCKS if not need or any(block.first(i) for i in need))
     of = read_record(fields, words, source, line, unread=KNOWN_WORDS)
     coordinates, height = [of.pop(axis) for axis in ("east", "north", "up")], of.pop("height", None)
-    if fields is not SIGHT_FIELDS or None not in coordinates:
-        book.point(line, name, *coordinates, agree=fields is POINT_FIELDS)
+    if fields is not SIGHT_FIELDS:
+        book.point(line, name, *coordinates, agree=False)
     if fields is STATION_FIELDS:
         book.begin(line, name, height)
     elif fields is SIGHT_FIELDS:
-        if height is not None and book.current is not None:
+        if height is not None:
             book.set_height(line, height)
-        for length in ("distance", "horizontal"):
-            of[length] = of[length] or None
-        book.sight(line, name, **of)
+        e, n, u = (math.nan if v is None else v for v in coordinates)
+        book.sight(line, name, **of, coordinates=(e, n, u))
 
 
 READER = Reader("gsi", (".gsi", ".GSI"), "Leica GSI-8 or GSI-16", NetworkReader(read_gsi))

@@ -17,7 +17,8 @@ from ..format_reader import NetworkReader, Reader
 from ..source import ROWS_SWITCHED_OFF, LeftOutReason
 from ..xml_files import Element, begins_with_element, element_at, text_at
 from ..xml_source import XmlSource
-from .field_book import DEFAULT_ACCURACIES, Accuracies, FieldBook, StatedSigmas
+from .accuracies import DEFAULT_ACCURACIES, Accuracies, StatedSigmas
+from .field_book import FieldBook
 
 DEG = ANGLE["deg"]
 JOBXML_FACES = {"Face1": 1, "Face2": 2, "FaceNull": None}
@@ -141,7 +142,7 @@ class _Reader:
             name,
             direction=inside(circle, "HorizontalCircle").number_or_none(scale=DEG),
             zenith=inside(circle, "VerticalCircle").number_or_none(scale=DEG),
-            distance=distance or None,
+            distance=distance,
             target_height=height,
             face=inside(circle, "Face").choice(JOBXML_FACES, default=None),
             stated=StatedSigmas(*(e if e > 0 else None for e in errors)),

@@ -25,7 +25,8 @@ from ..numbers import PACKED_DEGREES, write_quantity
 from ..source import ROWS_SWITCHED_OFF
 from ..xml_files import Element, begins_with_element, element_at
 from ..xml_source import XmlSource
-from .field_book import DEFAULT_ACCURACIES, Accuracies, FieldBook
+from .accuracies import DEFAULT_ACCURACIES, Accuracies
+from .field_book import FieldBook
 from .field_records import Scales, read_angle
 
 LINEAR_UNITS = {
@@ -114,7 +115,6 @@ class _Reader:
         self.scales = Scales()
         self.setups: dict[str, Element] = {}
         self.backsights: dict[str, list[Element]] = {}
-        self.raw: set[tuple[str, str]] = set()
         self.current: str | None = None
 
     def read(self, root: Element) -> None:
@@ -136,7 +136,6 @@ class _Reader:
                 self._setup(e)
         surveys = [e for e in elements if e.tag == "Survey"]
         found = [(o, setup) for survey in surveys for o, setup in self._observations(survey)]
-        self.raw = {(setup, self._target(o)) for o, setup in found}
         for o, setup in found:
             self._observation(o, setup)
 
@@ -232,12 +231,6 @@ class _Reader:
                     return target.attributes[key].strip()
         return ""
 
-    def _backsight(self, e: Element, setup: str) -> None:
-        """Note the circle reading of a backsight that no raw observation repeats."""
-        name = self._target(e)
-        if name and (setup, name) not in self.raw and e.attributes.get("circle"):
-            self.book.sight(e.line, name, direction=self._angle(e, "circle"), face=1)
-
     def _observation(self, o: Element, setup: str) -> None:
         number = self._length
         at = self.setups.get(setup)
@@ -251,7 +244,9 @@ class _Reader:
             station = self.source.attribute(at, "stationName").name()
             self.book.begin(at.line, station, height or 0.0)
             for e in self.backsights.pop(setup, []):
-                self._backsight(e, setup)
+                name = self._target(e)
+                if name:
+                    self.book.backsight(e.line, name, self._angle(e, "circle"))
         target = element_at(o, "TargetPoint")
         name = self.source.field(o.line, self._target(o), "name of the <TargetPoint>").name()
         if target is not None:
@@ -263,8 +258,8 @@ class _Reader:
             name,
             direction=self._angle(o, "horizAngle"),
             zenith=(zenith := self._angle(o, "zenithAngle")),
-            distance=number(o, "slopeDistance") or None,
-            horizontal=number(o, "horizDistance") or None,
+            distance=number(o, "slopeDistance"),
+            horizontal=number(o, "horizDistance"),
             target_height=number(o, "targetHeight") or 0.0,
             # Where the face follows from the zenith reading, writers do not agree on directFace.
             face=None if zenith is not None else face,

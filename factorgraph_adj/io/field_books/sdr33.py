@@ -17,7 +17,8 @@ from ...network.network import Network
 from ...units import ANGLE, FOOT, GON, US_SURVEY_FOOT
 from ..format_reader import NetworkReader, Reader
 from ..source import DERIVED_OBSERVATIONS, ROWS_SWITCHED_OFF, TextSource
-from .field_book import DEFAULT_ACCURACIES, Accuracies, FieldBook
+from .accuracies import DEFAULT_ACCURACIES, Accuracies
+from .field_book import FieldBook
 from .field_records import (
     NEEDED,
     RecordField,
@@ -213,7 +214,7 @@ class _Reader:
             values["target"],
             direction=values["direction"],
             zenith=zenith,
-            distance=values["distance"] or None,
+            distance=values["distance"],
             target_height=self.target_height,
             face=face,
         )

@@ -16,7 +16,8 @@ from ...network.network import Network
 from ...observations import Observation
 from .. import numbers
 from ..csv_tables import unguarded_cell
-from ..field_books.field_book import DEFAULT_ACCURACIES, Accuracies, FieldBook
+from ..field_books.accuracies import DEFAULT_ACCURACIES, Accuracies
+from ..field_books.field_book import FieldBook
 from ..format_reader import NetworkReader, Reader
 from ..numbers import Units
 from ..observation_fields import RecordContext
@@ -264,7 +265,7 @@ class _Reader:
         self.accuracies = accuracies
         self.problems = Problems()
         self.source = Source(path, self.problems)
-        self.book = FieldBook(self.source, accuracies, fixed)
+        self.book = FieldBook(self.source, accuracies, fixed, zero_is_unmeasured=False)
         self.held: dict[str, str] = {}
         self.observations: list[Observation] = []
         self.at: tuple[str, float, str] | None = None

@@ -75,13 +75,13 @@ def test_a_file_that_names_no_station_says_how_to_name_it():
     with pytest.raises(InputError) as caught:
         fga.read(folder / "geoeasy_network.GSI")
     assert "geoeasy_network.GSI:2: 1400 sights from here have no station" in str(caught.value)
-    assert "state station_code" in str(caught.value) and "codes of the file: 21" in str(
-        caught.value
-    )
+    assert "give station_code=21 (--set station_code=21) if words 42" in str(caught.value)
+    assert "line 60 has other readings of 'BP06'" in str(caught.value)
+    assert "give station=NAME (--set station=NAME) if all are from one point" in str(caught.value)
     for name, count in (("RILIEVO.gsi", 24), ("leica_gsi16_gurob.gsi", 321)):
-        with pytest.raises(InputError, match="state station, the name of the only one"):
-            fga.read(folder / name)
-        assert len(fga.read(folder / name, station="S").points) == count
+        network = fga.read(folder / name)
+        assert "they are one set-up, whose station is called 'station'" in network.remarks[-1]
+        assert len(network.points) == len(fga.read(folder / name, station="S").points) == count
     heights = {
         o.instrument_height
         for o in fga.read(folder / "leica_gsi16_gurob.gsi", station="S").observations.values()
