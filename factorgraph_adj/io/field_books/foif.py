@@ -17,7 +17,8 @@ from ...units import ANGLE
 from ..format_reader import NetworkReader, Reader
 from ..source import LeftOutReason, TextSource
 from ..text_files import file_beginning
-from .field_book import DEFAULT_ACCURACIES, Accuracies, FieldBook
+from .accuracies import DEFAULT_ACCURACIES, Accuracies
+from .field_book import FieldBook
 from .field_records import (
     NEEDED,
     RecordField,

@@ -21,7 +21,8 @@ from ..format_reader import NetworkReader, Reader
 from ..numbers import PACKED_DEGREES
 from ..source import TextSource
 from ..text_files import file_beginning
-from .field_book import DEFAULT_ACCURACIES, Accuracies, FieldBook
+from .accuracies import DEFAULT_ACCURACIES, Accuracies
+from .field_book import FieldBook
 from .field_records import (
     NEEDED,
     RecordField,
