@@ -267,13 +267,13 @@ class _Reader:
         if len(status) != len(SET_STATUS):
             source.wrong(line, f"status {status[:20]!r} must have 4 digits")
             return
-        said = [
+        said: list[Any] = [
             source.field(line, digit, what).choice(table)
             for digit, (what, table) in zip(status, SET_STATUS, strict=True)
         ]
         if None in said:
             return
-        size, angle, vertical, circle = tuple(said)
+        size, angle, vertical, circle = said
         fields = next(f for f in variants if len(f) == len(after))
         found = read_record(fields, after, source, line, Scales(size, angle))
         name = source.field(line, point, "point").name()
