@@ -362,7 +362,7 @@ def test_every_option_of_every_command_is_in_the_reference() -> None:
         usage = "".join(
             u
             for u in re.split(r"(?=^factorgraph-adj )", synopsis, flags=re.M)
-            if u.startswith(f"factorgraph-adj {name} ")
+            if u.startswith((f"factorgraph-adj {name} ", f"factorgraph-adj {name}\n"))
         )
         assert usage, name
         valid = set(command._option_string_actions)

@@ -1,6 +1,6 @@
 """Command ``factorgraph-adj``: its table of commands, parsers that suggest words, exit codes.
 
-Commands are check, convert, join, compare, adjust, plot, stream, plan, propose. Each command adds
+Commands are check, convert, join, formats, compare, adjust, plot, stream, plan, propose. Each adds
 its arguments when it is called, and returns an exit code of `factorgraph_adj.cli.messages`.
 Errors go to stderr as a list with one problem in each line.
 """
@@ -45,6 +45,7 @@ COMMAND_MODULES = {
     "check": ("network_files", "add_check", "find every problem of the input"),
     "convert": ("network_files", "add_convert", "read a network in one format, write another"),
     "join": ("network_files", "add_join", "read several files of one object, write one network"),
+    "formats": ("formats", "add_formats", "list the formats that are read and written"),
     "compare": ("comparison", "add_compare", "adjust two epochs and tell what moved"),
 }
 """Module, function that adds the arguments, and what each command does."""

@@ -22,7 +22,10 @@ from ..network.network import Network
 
 GRID_OPTIONS_OF_COMMAND = ("crs", "frame", "sources")
 """Options of `from_grid` that are options of the command, or its own affair."""
-PROJECT_HELP = f"a file: {READERS}; or a folder"
+PROJECT_HELP = (
+    "project.toml or its folder, or a file or folder of another format, which the command formats "
+    "lists"
+)
 """Help of the argument for a project."""
 
 

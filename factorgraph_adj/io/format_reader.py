@@ -6,6 +6,7 @@ A module of `io.field_books`, `io.gnss`, `io.photogrammetry` or `io.survey` stat
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -46,8 +47,8 @@ class Reader:
     folders: bool = False
     """Whether the reader also reads folders."""
     recognises: Callable[[Path], bool] | None = None
-    """Tells a file, or folder, of this format from those of other formats with the same suffix;
-    None for the format that has the suffix where no other recognises the file."""
+    """Tells a file, or folder, of this format by its content from those of all other formats,
+    whatever its suffix; None for a format whose suffix alone tells it."""
     own_grid: bool = False
     """Whether the function itself takes the reference system of a grid, as its option ``crs``."""
     main_file: str = ""
@@ -92,3 +93,12 @@ class NetworkReader:
 def beginning_has(word: bytes) -> Callable[[Path], bool]:
     """Return a function that returns whether a word is in the beginning of a file."""
     return lambda path: word in file_beginning(path)
+
+
+def begins_with(pattern: bytes) -> Callable[[Path], bool]:
+    """Return a function that returns whether a file begins with a regular expression of bytes.
+
+    A byte order mark is passed over, and ``$`` ends a line.
+    """
+    found = re.compile(rb"(?:\xef\xbb\xbf)?" + pattern, flags=re.MULTILINE)
+    return lambda path: found.match(file_beginning(path)) is not None

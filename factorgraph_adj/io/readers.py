@@ -6,7 +6,7 @@ with a function that reads a file and its ``READER``.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -17,6 +17,7 @@ from ..errors import InputError, Problem, known
 from ..files import named_by_user
 from ..network.network import Network
 from . import field_books, gnss, photogrammetry, survey
+from .file_signatures import description, looks_like
 from .format_options import fitting_options, refuse_unknown_options
 from .format_reader import NetworkReader, Reader
 from .project import Project, load_project, project_table_names
@@ -24,8 +25,8 @@ from .transaction_folders import recover_folder
 
 MAX_FOLDER_ENTRIES = 200
 """Largest number of entries of a folder that are examined for what it may have."""
-MAX_PROPOSED_FOLDERS = 5
-"""Largest number of folders that a message proposes."""
+MAX_PROPOSED_PATHS = 5
+"""Largest number of folders or files that a message proposes."""
 PROJECT_READER = Reader(
     "project", (".toml",), "project", load_project, folders=True, main_file="project.toml"
 )
@@ -33,7 +34,7 @@ PROJECT_READER = Reader(
 
 @dataclass
 class Readers:
-    """A table of readers; its text lists their suffixes and descriptions.
+    """A table of readers.
 
     Raises:
         InputError: a reader has no suffix and reads no folders, a suffix has no dot, two readers
@@ -52,8 +53,8 @@ class Readers:
             if not reader.claims():
                 problems.append(Problem("has no suffix; valid: at least one, such as .txt", where))
             for suffix in reader.suffixes:
-                if not suffix.startswith(".") or suffix.endswith("."):
-                    what = f"suffix {suffix!r} is none; valid: a dot and letters, such as .txt"
+                if not suffix.startswith(".") or suffix.endswith(".") or suffix != suffix.lower():
+                    what = f"suffix {suffix!r} is none; valid: a dot and small letters, as in .txt"
                     problems.append(Problem(what, where))
             claims = [f"name {reader.name}"]
             if reader.recognises is None:
@@ -71,12 +72,6 @@ class Readers:
     def add(self, reader: Reader) -> None:
         """Add a reader; InputError where it cannot be distinguished from the others."""
         self.entries = Readers((*self.entries, reader)).entries
-
-    def __str__(self) -> str:
-        """Return the suffixes with the names of their formats."""
-        return ", ".join(
-            f"{', '.join(r.suffixes) or 'a folder'} ({r.description})" for r in self.entries
-        )
 
     def load(
         self,
@@ -97,7 +92,7 @@ class Readers:
             options: options of the function that reads this format, by name.
 
         Raises:
-            InputError: the file does not exist, no reader has its suffix or its name, the reader
+            InputError: the file does not exist, no reader knows it or has the name, the reader
                 has no such option or another kind of value for it, or the file has problems (all
                 are listed).
         """
@@ -115,7 +110,12 @@ class Readers:
         if isinstance(reader.load, NetworkReader):
             given = fitting_options(reader.load.read, given, doing=doing, where=str(path))
         with named_by_user(source, *given.values()):
-            return reader.load(source, readings=readings, allow_outside=allow_outside, **given)
+            project = reader.load(source, readings=readings, allow_outside=allow_outside, **given)
+        if format is None and reader not in self.suffix_readers(source):
+            project.network.remarks.append(
+                f"{source.name} was read as {reader.description}, by its content"
+            )
+        return project
 
     def reader(self, path: Path, format: str | None = None) -> Reader:
         """Return the reader of a format, or of a file. Raises as `named` and `of`."""
@@ -134,38 +134,81 @@ class Readers:
         raise InputError(f"no format {name!r} can be read; valid: {known(names, meant=name)}")
 
     def of(self, path: Path) -> Reader:
-        """Return the reader of a file or folder, by its suffix and, among several, its content.
+        """Return the reader of a file or folder, by its content and its suffix.
+
+        A reader that recognises the content has the file, whatever its suffix; among several, those
+        with the suffix. A suffix decides alone where only one reader has it, or has no function
+        that recognises its files.
 
         Raises:
-            InputError: no reader has the suffix, or none recognises the content.
+            InputError: no reader recognises the content, or several do; the message says what the
+                file looks like.
         """
-        if path.is_dir():
-            fitting = [r for r in self.entries if r.folders]
-        else:
-            end = "".join(path.suffixes)
-            ends = [(len(s), r) for r in self.entries for s in r.suffixes if end.endswith(s)]
-            longest = max((n for n, _ in ends), default=0)
-            fitting = [r for n, r in ends if n == longest]
-        sure = [r for r in fitting if r.recognises is not None and r.recognises(path)]
-        rest = [r for r in fitting if r.recognises is None and r.may_be(path)]
-        for found in (sure, rest):
-            if len(found) == 1:
-                return found[0]
-        if len(sure) > 1:
+        fitting = self.suffix_readers(path)
+        asked = fitting if path.is_dir() else self.entries
+        sure = [r for r in asked if r.recognises is not None and r.recognises(path)]
+        sure = [r for r in sure if r in fitting] or sure
+        if len(sure) == 1:
+            return sure[0]
+        if sure:
             what = f"could be {' or '.join(r.description for r in sure)}; say format= or --from"
             raise InputError(Problem(f"{what}: {', '.join(r.name for r in sure)}", str(path)))
-        if fitting:
-            what = f"is none of {', '.join(r.description for r in fitting)} by its content"
-            if tables := _tables_without_project(path):
-                raise InputError(Problem(tables, str(path)))
+        looks = None if path.is_dir() else looks_like(path)
+        if looks is None:
+            rest = [r for r in fitting if r.recognises is None and r.may_be(path)]
+            for found in (rest, fitting if not path.is_dir() else []):
+                if len(found) == 1:  # its problems say, line by line, what is wrong
+                    return found[0]
+        raise InputError(Problem(self._why_none(path, fitting, looks), str(path)))
+
+    def suffix_readers(self, path: Path) -> list[Reader]:
+        """Return the readers with the longest suffix that the name of a file has, or of folders."""
+        if path.is_dir():
+            return [r for r in self.entries if r.folders]
+        end = "".join(path.suffixes).casefold()
+        ends = [(len(s), r) for r in self.entries for s in r.suffixes if end.endswith(s)]
+        longest = max((n for n, _ in ends), default=0)
+        return [r for n, r in ends if n == longest]
+
+    def _why_none(
+        self, path: Path, fitting: Sequence[Reader], looks: tuple[str, str] | None
+    ) -> str:
+        """Return why no reader has a file or folder: what it looks like, and what to do.
+
+        Args:
+            path: file or folder.
+            fitting: readers with its suffix.
+            looks: what it looks like and what to do; None: it is of no known kind.
+        """
+        if path.is_dir():
             inside = self._inside(path)
-            what += f"; valid: {', '.join(inside)}" if inside else "; or say format= or --from"
-            raise InputError(Problem(what, str(path)))
-        outside = self._of_folder(path.parent)
-        if outside:
-            what = f"unknown kind of file; valid: its folder {path.parent} ({outside.description})"
-            raise InputError(Problem(what, str(path)))
-        raise InputError(Problem(f"unknown kind of file; valid: {self}", str(path)))
+            names = ", ".join(r.description for r in self.entries if r.folders)
+            if missing := _tables_without_project(path):
+                return missing
+            valid = f"valid: {', '.join(inside)}" if inside else f"valid: a folder of {names}"
+            return f"is a folder that no reader knows; {valid}"
+        if outside := self._of_folder(path.parent):
+            return f"is a part of {outside.description}: give its folder, {path.parent}"
+        if looks is not None:
+            return f"looks like {looks[0]}, which is not read: {looks[1]}"
+        beside = ", ".join(self._beside(path))
+        names = " or ".join(r.description for r in fitting)
+        few = 0 < len(fitting) <= MAX_PROPOSED_PATHS
+        kind = f"is not {names}" if few else "is of no known kind"
+        return f"{kind}: {description(path)}" + (f"; beside it: {beside}" if beside else "")
+
+    def _beside(self, path: Path) -> list[str]:
+        """Return the files beside one that can be read, with their formats."""
+        files = [p for p in sorted(path.parent.glob("*"))[:MAX_FOLDER_ENTRIES] if p.is_file()]
+        sure = [(p, self._sure(p)) for p in files if p != path]
+        other = [(p, self._alone(p)) for p, reader in sure if reader is None]
+        found = [f"{p.name} ({r.description})" for p, r in (*sure, *other) if r is not None]
+        return found[:MAX_PROPOSED_PATHS]
+
+    def _alone(self, path: Path) -> Reader | None:
+        """Return the reader of a suffix that no other reader has; None for other files."""
+        fitting = self.suffix_readers(path)
+        return fitting[0] if len(fitting) == 1 else None
 
     def _of_folder(self, path: Path) -> Reader | None:
         """Return the first reader that a folder may belong to; None where it is of none."""
@@ -178,17 +221,22 @@ class Readers:
         return None
 
     def _inside(self, path: Path) -> list[str]:
-        """Return the folders inside a folder that can be read, with their formats."""
-        if not path.is_dir():
-            return []
+        """Return folders, or else files, inside a folder that can be read, with their formats."""
         inner = [
             p for pattern in ("*", "*/*") for p in sorted(path.glob(pattern))[:MAX_FOLDER_ENTRIES]
         ]
-        return [
-            f"{folder} ({reader.description})"
-            for folder in inner
-            if folder.is_dir() and (reader := self._of_folder(folder))
-        ][:MAX_PROPOSED_FOLDERS]
+        folders = [(p, self._of_folder(p)) for p in inner if p.is_dir()]
+        found = [f"{p} ({reader.description})" for p, reader in folders if reader is not None]
+        return (found or [f"{p} ({r.description})" for p in inner if (r := self._sure(p))])[
+            :MAX_PROPOSED_PATHS
+        ]
+
+    def _sure(self, path: Path) -> Reader | None:
+        """Return the only reader that recognises the content of a file; None for other files."""
+        if not path.is_file():
+            return None
+        sure = [r for r in self.entries if r.recognises is not None and r.recognises(path)]
+        return sure[0] if len(sure) == 1 else None
 
 
 def _readers_of_modules() -> Iterator[Reader]:
@@ -228,17 +276,14 @@ def read(path: str | Path, *, format: str | None = None, **options: Any) -> Netw
         options: options of the reader of the format.
 
     Raises:
-        InputError: the file does not exist, no reader has its suffix (the message lists the
-            valid suffixes), the reader has no such option, or the file has problems (all are
-            listed).
+        InputError: the file does not exist, no reader knows it (the message says what it looks
+            like), the reader has no such option, or the file has problems (all are listed).
     """
     return READERS.load(path, format=format, options=options).network_alone()
 
 
 def _tables_without_project(folder: Path) -> str:
     """Return that a folder has tables of a project without its TOML file; empty if not so."""
-    if not folder.is_dir():
-        return ""
     tables = [f"{n}.csv" for n in project_table_names() if (folder / f"{n}.csv").is_file()]
     if not tables:
         return ""

@@ -79,7 +79,7 @@ class Writers:
                     return writer
             names = known([w.name for w in self.entries], meant=format)
             raise InputError(f"no format {format!r} can be written; valid: {names}")
-        end = "".join(path.suffixes)
+        end = "".join(path.suffixes).casefold()
         ends = [(len(s), w) for w in self.entries for s in w.suffixes if end.endswith(s)]
         if not ends:
             raise InputError(Problem(f"unknown kind of file to write; valid: {self}", str(path)))
@@ -120,7 +120,7 @@ WRITERS = Writers(
         Writer("colmap", (), "COLMAP", write_colmap),
         Writer("opencv", (".yml", ".yaml"), "calibration of OpenCV", write_opencv, "1 camera"),
         Writer("opf", (".opf",), "Open Photogrammetry Format", write_opf),
-        Writer("sinex", (".snx", ".SNX"), "SINEX", write_sinex),
+        Writer("sinex", (".snx",), "SINEX", write_sinex),
         Writer("dynaml", (), "DynaML of DynAdjust", write_dynaml),
         Writer("gvx", (".gvx",), "GNSS Vector Exchange", write_gvx),
         Writer("metashape", (), "cameras and markers of Metashape (.xml)", write_metashape),

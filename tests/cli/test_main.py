@@ -147,11 +147,11 @@ def test_what_the_observations_do_not_determine_ends_with_2(tmp_path, here):
     ("name", "expected"),
     [
         ("nowhere.toml", "nowhere.toml: no such file or folder"),
-        ("list.xlsx", "list.xlsx: unknown kind of file; valid: .toml (project), .xml (DynaML"),
+        ("list.xls", "list.xls: is of no known kind: text that begins with 'x'"),
     ],
 )
 def test_a_file_that_is_no_project_ends_with_2(tmp_path, name, expected, here):
-    (tmp_path / "list.xlsx").write_text("x", encoding="utf-8")
+    (tmp_path / "list.xls").write_text("x", encoding="utf-8")
     result = here("check", tmp_path / name)
     assert result.returncode == 2
     assert expected in result.stderr

@@ -56,5 +56,5 @@ def test_tables_without_project(command, tmp_path, capsys):
 
 
 def test_folder_without_tables(tmp_path):
-    with pytest.raises(fga.InputError, match="is none of project"):
+    with pytest.raises(fga.InputError, match="is a folder that no reader knows"):
         fga.read(tmp_path)

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.io.adjustment_options import AdjustOptions
 from factorgraph_adj.io.field_books import gsi
@@ -98,12 +97,13 @@ def test_a_bare_network_has_default_units_and_options():
 # -- what cannot be read --------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["list.xlsx", "toml", ".toml", "p.toml.old", "p.gz", "p.TOML"])
-def test_an_unknown_suffix_is_refused_with_the_valid_ones(tmp_path, name):
+@pytest.mark.parametrize("name", ["list.xls", "toml", ".toml", "p.toml.old", "p.gz"])
+def test_a_file_of_an_unknown_suffix_is_described(tmp_path, name):
     (tmp_path / name).write_text("x", encoding="utf-8")
     with pytest.raises(InputError) as caught:
         fga.read(tmp_path / name)
-    assert messages(caught) == [f"{tmp_path / name}: unknown kind of file; valid: {READERS}"]
+    (said,) = messages(caught)
+    assert said.startswith(f"{tmp_path / name}: is of no known kind: text that begins with 'x'; ")
 
 
 def test_a_missing_file_is_refused_whatever_its_suffix(tmp_path):
@@ -111,16 +111,6 @@ def test_a_missing_file_is_refused_whatever_its_suffix(tmp_path):
         with pytest.raises(InputError) as caught:
             fga.read(tmp_path / name)
         assert messages(caught) == [f"{tmp_path / name}: no such file or folder"]
-
-
-def test_every_suffix_and_format_stands_in_the_message_and_in_the_help(capsys):
-    with pytest.raises(SystemExit):
-        main(["adjust", "--help"])
-    shown = " ".join(capsys.readouterr().out.split())
-    for reader in READERS.entries:
-        for word in (*reader.suffixes, reader.description):
-            assert word in str(READERS)
-            assert word in shown
 
 
 # -- one more format ------------------------------------------------------------------------------
@@ -143,9 +133,6 @@ def test_a_new_format_is_one_line_of_the_table(tmp_path):
     readers = Readers((*READERS.entries, HEIGHTS))
     network = readers.load(tmp_path / "benchmarks.hgt").network
     assert {n: p.coordinates[2] for n, p in network.points.items()} == {"A": 412.5, "B": 398.25}
-    (tmp_path / "list.xlsx").write_text("x", encoding="utf-8")
-    with pytest.raises(InputError, match=r"\.hgt, \.hgt\.txt \(list of heights\)$"):
-        readers.load(tmp_path / "list.xlsx")
 
 
 RAW_RECORDS = {
@@ -230,7 +217,7 @@ def test_the_longest_suffix_decides(tmp_path):
 
 
 def test_a_folder_needs_a_reader_of_folders(tmp_path):
-    with pytest.raises(InputError, match=r"unknown kind of file; valid: \.hgt"):
+    with pytest.raises(InputError, match="is a folder that no reader knows"):
         Readers((HEIGHTS,)).load(tmp_path)
 
 
@@ -256,16 +243,15 @@ def test_a_folder_around_what_can_be_read_says_what_to_name(tmp_path):
         with pytest.raises(InputError) as caught:
             fga.read(outer)
         (said,) = messages(caught)
-        assert said.startswith(f"{outer}: is none of project, COLMAP, ")
-        assert said.endswith(f"by its content; valid: {model} (COLMAP)")
+        assert said == f"{outer}: is a folder that no reader knows; valid: {model} (COLMAP)"
     (model / "cameras.bin").write_bytes(b"")
     with pytest.raises(InputError) as caught:
         fga.read(model / "cameras.bin")
     assert messages(caught) == [
-        f"{model / 'cameras.bin'}: unknown kind of file; valid: its folder {model} (COLMAP)"
+        f"{model / 'cameras.bin'}: is a part of COLMAP: give its folder, {model}"
     ]
     (tmp_path / "empty").mkdir()
-    with pytest.raises(InputError, match="by its content; or say format= or --fr"):
+    with pytest.raises(InputError, match="no reader knows; valid: a folder of project, COLMAP, "):
         fga.read(tmp_path / "empty")
 
 
@@ -275,7 +261,7 @@ def test_content_decides_between_formats_of_one_suffix(tmp_path):
     for text, expected in (("A 1", a), ("B 1", b), ("C 1", HEIGHTS)):
         path.write_text(text, encoding="utf-8")
         assert Readers((HEIGHTS, a, b)).of(path) is expected
-    with pytest.raises(InputError, match=r"is none of heights of a, heights of b by its content"):
+    with pytest.raises(InputError, match="is not heights of a or heights of b: text that"):
         Readers((a, b)).of(path)
     path.write_text("A 1", encoding="utf-8")
     with pytest.raises(InputError, match=r"could be heights of a or heights of c; .* a, c$"):
@@ -305,8 +291,11 @@ def test_options_of_a_reader_are_its_keyword_arguments(tmp_path):
     ("wrong", "expected"),
     [
         (
-            Reader("heights", (".hgt", ".gkf"), "heights", HEIGHTS.load),
-            ["reader of heights: suffix .gkf: claimed by the reader of GNU Gama already"],
+            Reader("heights", (".hgt", ".csv"), "heights", HEIGHTS.load),
+            [
+                "reader of heights: suffix .csv: claimed by the reader of table with a mapping "
+                "already"
+            ],
         ),
         (
             Reader("heights", (".toml",), "heights", HEIGHTS.load, folders=True),
@@ -325,8 +314,13 @@ def test_options_of_a_reader_are_its_keyword_arguments(tmp_path):
         ),
         (
             Reader("heights", ("hgt",), "heights", HEIGHTS.load),
+            ["reader of heights: suffix 'hgt' is none; valid: a dot and small letters, as in .txt"],
+        ),
+        (
+            Reader("heights", (".HGT",), "heights", HEIGHTS.load),
             [
-                "reader of heights: suffix 'hgt' is none; valid: a dot and letters, such as .txt",
+                "reader of heights: suffix '.HGT' is none; valid: a dot and small letters, as in "
+                ".txt"
             ],
         ),
     ],

@@ -399,4 +399,4 @@ def _read_block(book: FieldBook, block: GsiBlock, name: str) -> None:
         book.sight(line, name, **of, coordinates=(e, n, u))
 
 
-READER = Reader("gsi", (".gsi", ".GSI"), "Leica GSI-8 or GSI-16", NetworkReader(read_gsi))
+READER = Reader("gsi", ((".gsi",)), "Leica GSI-8 or GSI-16", NetworkReader(read_gsi))

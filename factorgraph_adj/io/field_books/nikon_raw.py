@@ -366,7 +366,7 @@ def is_nikon_raw(path: Path) -> bool:
 
 READER = Reader(
     "nikon_raw",
-    (".raw", ".RAW", ".sdr"),
+    (".raw", ".sdr"),
     "Nikon RAW V2.00",
     NetworkReader(read_nikon_raw),
     recognises=is_nikon_raw,

@@ -220,4 +220,4 @@ class _Reader:
         )
 
 
-READER = Reader("sdr33", (".sdr", ".SDR"), "Sokkia SDR33 or SDR2x", NetworkReader(read_sdr33))
+READER = Reader("sdr33", ((".sdr",)), "Sokkia SDR33 or SDR2x", NetworkReader(read_sdr33))

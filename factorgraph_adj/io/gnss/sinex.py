@@ -27,7 +27,7 @@ from ...observations import ControlPoint, Correlated, GnssPosition
 from ...solve.solution import Solution
 from ...types import Array, Index
 from ..file_transaction import write_files
-from ..format_reader import NetworkReader, Reader
+from ..format_reader import NetworkReader, Reader, begins_with
 from ..source import LeftOutReason
 from .sinex_blocks import METRES_PER_UNIT, SinexFile, SinexMatrix, SinexParameter
 
@@ -443,4 +443,10 @@ def _site(name: str, xyz: Array) -> str:
     return f" {name:<4s}  A           P {name:<22s} {east} {sexagesimal(latitude)} {height:7.1f}"
 
 
-READER = Reader("sinex", (".snx", ".SNX"), "SINEX", NetworkReader(read_sinex))
+READER = Reader(
+    "sinex",
+    (".snx",),
+    "SINEX",
+    NetworkReader(read_sinex),
+    recognises=begins_with(rb"\s*%=SNX"),
+)

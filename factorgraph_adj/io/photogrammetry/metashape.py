@@ -318,7 +318,7 @@ def read_metashape(
 def is_metashape_xml(path: Path) -> bool:
     """Tell whether an XML file is an export of Metashape."""
     head = file_beginning(path)
-    return b"<document" in head and b"<chunk" in head
+    return head.lstrip().startswith(b"<") and b"<document" in head and b"<chunk" in head
 
 
 READER = Reader(

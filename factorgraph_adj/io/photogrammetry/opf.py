@@ -18,7 +18,7 @@ from ...errors import InputError
 from ...models.lens import NormalisedLens
 from ...network.network import Network
 from ...observations import ControlPoint, PhotoPosition, PointDirection, SlopeDistance
-from ..format_reader import NetworkReader, Reader
+from ..format_reader import NetworkReader, Reader, beginning_has
 from ..json_files import JsonNode
 from ..source import LeftOutReason, Problems
 from .block_source import (
@@ -380,4 +380,10 @@ def _ties(
                 begin += len(cloud.points)
 
 
-READER = Reader("opf", (".opf",), "Open Photogrammetry Format", NetworkReader(read_opf))
+READER = Reader(
+    "opf",
+    (".opf",),
+    "Open Photogrammetry Format",
+    NetworkReader(read_opf),
+    recognises=beginning_has(b"application/opf-project+json"),
+)

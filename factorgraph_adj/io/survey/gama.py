@@ -26,7 +26,7 @@ from ...observations import (
     ZenithAngle,
 )
 from ...units import ARCSEC, CC, GON, MILLIMETRE, parse_angle
-from ..format_reader import NetworkReader, Reader
+from ..format_reader import NetworkReader, Reader, begins_with
 from ..source import Field, Problems
 from ..xml_files import Element
 from ..xml_source import XmlSource
@@ -398,4 +398,10 @@ def _angle_of(field: Field) -> tuple[float, float]:
         return math.nan, ARCSEC
 
 
-READER = Reader("gama", (".gkf",), "GNU Gama", NetworkReader(read_gama))
+READER = Reader(
+    "gama",
+    (".gkf",),
+    "GNU Gama",
+    NetworkReader(read_gama),
+    recognises=begins_with(rb"[^<]*(<[?!][^>]*>\s*)*<(gama-local|gama-xml)[\s>]"),
+)

@@ -28,7 +28,7 @@ from ...rotation import exp_rotation
 from ...stochastic_model import StandardDeviation
 from ...types import Array
 from ...units import CC, GON, MILLIMETRE
-from ..format_reader import NetworkReader, Reader
+from ..format_reader import NetworkReader, Reader, begins_with
 from ..source import TextSource
 from .lgc2_frames import Lgc2Builder, rotation_components
 from .lgc2_input import InputWords, Lgc2Input, ObservationBlock, frame_rotation
@@ -481,4 +481,10 @@ def read_lgc2(path: str | Path, *, condition: float = CONDITION_SIGMA_M) -> Netw
     return builder.network
 
 
-READER = Reader("lgc2", (".lgc2", ".lgc"), "LGC2", NetworkReader(read_lgc2))
+READER = Reader(
+    "lgc2",
+    (".lgc2", ".lgc"),
+    "LGC2",
+    NetworkReader(read_lgc2),
+    recognises=begins_with(rb"(\s*(%[^\n]*)?\n)*\s*\*TITR\b"),
+)

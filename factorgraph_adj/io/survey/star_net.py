@@ -491,7 +491,7 @@ class _Reader:
 
 READER = Reader(
     "star-net",
-    (".dat", ".gps", ".GPS"),
+    (".dat", ".gps"),
     "STAR*NET",
     NetworkReader(read_star_net),
     own_grid=True,
