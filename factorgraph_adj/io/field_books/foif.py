@@ -155,5 +155,5 @@ def is_foif(path: Path) -> bool:
 
 
 READER = Reader(
-    "foif", (".mes"), "field book of FOIF", NetworkReader(read_foif), recognises=is_foif
+    "foif", (".mes",), "field book of FOIF", NetworkReader(read_foif), recognises=is_foif
 )

@@ -297,7 +297,7 @@ def is_sokkia_scr(path: Path) -> bool:
 
 READER = Reader(
     "sokkia-scr",
-    (".scr"),
+    (".scr",),
     "text of a Sokkia SET",
     NetworkReader(read_sokkia_scr),
     recognises=is_sokkia_scr,
