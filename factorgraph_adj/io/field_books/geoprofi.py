@@ -15,7 +15,8 @@ from ..format_reader import NetworkReader, Reader
 from ..numbers import PACKED_DEGREES
 from ..source import Field, TextSource
 from ..text_files import file_beginning
-from .field_book import DEFAULT_ACCURACIES, Accuracies, FieldBook
+from .accuracies import DEFAULT_ACCURACIES, Accuracies
+from .field_book import FieldBook
 from .field_records import (
     NEEDED,
     RecordField,
@@ -164,7 +165,7 @@ def is_geoprofi(path: Path) -> bool:
 
 READER = Reader(
     "geoprofi",
-    (".mjk", ".MJK"),
+    (".mjk",),
     "field book of GeoProfi",
     NetworkReader(read_geoprofi),
     recognises=is_geoprofi,

@@ -15,7 +15,8 @@ from ..format_reader import NetworkReader, Reader
 from ..numbers import PACKED_DEGREES
 from ..source import TextSource
 from ..text_files import file_beginning
-from .field_book import DEFAULT_ACCURACIES, Accuracies, FieldBook
+from .accuracies import DEFAULT_ACCURACIES, Accuracies
+from .field_book import FieldBook
 from .field_records import (
     NEEDED,
     RecordField,
@@ -136,7 +137,7 @@ def is_geozseni(path: Path) -> bool:
 
 READER = Reader(
     "geozseni",
-    (".gjk", ".GJK"),
+    (".gjk",),
     "field book of GeoZseni",
     NetworkReader(read_geozseni),
     recognises=is_geozseni,
