@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from ...errors import known
@@ -27,6 +27,7 @@ from ..source import Field, LeftOutReason, TextSource
 from .accuracies import DEFAULT_ACCURACIES, Accuracies
 from .field_book import FieldBook
 from .field_records import NEEDED, SI, RecordField, Scales, read_record
+from .levelled_line import LevelledLine
 
 GSI_WORD_PATTERN = re.compile(r"(\d\d)([0-9?./ ]{4})([+-].{1,16})", re.ASCII)
 GSI_LENGTHS = {
@@ -170,47 +171,14 @@ def _whole_number(field: Field) -> float:
 # -- levelled lines -------------------------------------------------------------------------------
 
 
-@dataclass
-class StaffReadings:
-    """Readings of one staff, metres."""
-
-    point: str
-    heights: list[float] = field(default_factory=list)
-    distances: list[float] = field(default_factory=list)
-
-    @property
-    def height(self) -> float:
-        """Mean of the readings."""
-        return sum(self.heights) / len(self.heights)
-
-    @property
-    def distance(self) -> float:
-        """Mean of the distances; 0 without any."""
-        return sum(self.distances) / len(self.distances) if self.distances else 0.0
-
-
-class LevelledLine:
-    """The present line: readings of the set-up that is not complete."""
-
-    def __init__(self, book: FieldBook) -> None:
-        """Start without a line."""
-        self.book = book
-        self.source = book.source
-        self.in_line = False
-        self.needed = 1
-        """Number of readings of each staff."""
-        self.sights: dict[str, StaffReadings] = {}
-        self.complete = False
-        self.line = 0
+class GsiLevelledLine(LevelledLine):
+    """The present line of a level, whose readings are words of GSI."""
 
     def begin(self, word: str) -> None:
         """Begin a line; the code ``?......2`` has the method."""
-        self.end()
         method = word.rpartition("?")[2].strip(".+ ")
         stated = method.isascii() and method.isdigit()
-        single = not stated or int(method) in SINGLE_READING_METHODS
-        self.needed = 1 if single else 2
-        self.in_line, self.sights, self.complete = True, {}, False
+        self.begin_line(1 if not stated or int(method) in SINGLE_READING_METHODS else 2)
 
     def takes(self, block: GsiBlock, name: str) -> bool:
         """Read a block of a line; return whether it is one."""
@@ -232,47 +200,11 @@ class LevelledLine:
         for key, word in found:
             if key in STAFF_WORDS:
                 value = self._length(block.line, key[:2], word)
-                self._reading(block.line, STAFF_WORDS[key], name, value, length)
+                self.reading(block.line, STAFF_WORDS[key], name, value, length)
         return True
 
     def _length(self, line: int, index: str, word: str) -> float:
         return read_gsi_length(self.source.field(line, word, f"word {index}"))
-
-    def _reading(self, line: int, sight: str, name: str, value: float, length: float) -> None:
-        back = self.sights.get("back")
-        if sight == "intermediate":
-            if back is None:
-                self.source.wrong(line, f"intermediate reading of {name!r} without a backsight")
-            else:
-                dh = back.height - value
-                self.book.levelled(line, back.point, name, dh, back.distance + length)
-            return
-        if self.complete:
-            self.sights, self.complete = {}, False
-        staff = self.sights.setdefault(sight, StaffReadings(name))
-        if staff.point != name:
-            what = f"{sight}sight of {name!r} in a set-up whose {sight}sight is {staff.point!r}"
-            self.source.wrong(line, what)
-        staff.heights.append(value)
-        staff.distances += [length] if length else []
-        self.line = line
-        enough = all(len(s.heights) >= self.needed for s in self.sights.values())
-        if len(self.sights) == 2 and enough:
-            back, fore = self.sights["back"], self.sights["fore"]
-            length = back.distance + fore.distance
-            dh = back.height - fore.height
-            self.book.levelled(line, back.point, fore.point, dh, length)
-            self.complete = True
-
-    def end(self) -> None:
-        """Note a set-up that is not complete at the end of a line."""
-        if self.complete or not self.sights:
-            return
-        what = f"the line ends with a {next(iter(self.sights))}sight alone"
-        if len(self.sights) == 2:
-            what = "the line ends with an incomplete set-up: the method reads backsight and "
-            what += "foresight twice"
-        self.source.wrong(self.line, what)
 
 
 # -- blocks of total stations ---------------------------------------------------------------------
@@ -351,7 +283,7 @@ def read_gsi(
         station=None if station is None else str(station),
         may_lack_station=True,
     )
-    levelling, codes = LevelledLine(book), dict[str, bool]()
+    levelling, codes = GsiLevelledLine(book), dict[str, bool]()
     for block in gsi_blocks(source):
         line, (index, word) = block.line, block.words[0]
         if index == "41" and "?" in word:
