@@ -165,7 +165,7 @@ def _point_columns(
     points = [r for r in records if r.block == "PI"]
     if all(r.info[26] != " " for r in points):
         return CODE_THEN_NUMBER
-    if all(r.info[24:] == "   " for r in points):
+    if all(r.info[18] != " " and r.info[24:] == "   " for r in points):
         return NUMBER_THEN_CODE
     what = "the columns of point numbers follow neither from a START block (22) nor from the "
     what += "points: state point_columns, the first columns of code and number, such as 11,16"
@@ -205,6 +205,7 @@ class _Reader:
         self.target_height = 0.0
         self.instrument_height: float | None = None
         self.sighted = ""
+        """Point of the reading in the line before, whose coordinates may follow."""
         self.level = LevelledLine(book)
         self.turning_points = 0
         self.last_fore = ""
@@ -230,7 +231,7 @@ class _Reader:
     # -- texts ------------------------------------------------------------------------------------
 
     def _text(self, record: ZeissRecord, values: dict[str, float]) -> None:
-        text = record.text
+        text, self.sighted = record.text, ""
         method = METHOD.search(text)
         if method is not None:
             self.level.begin_line(len(method[1]) // 2)

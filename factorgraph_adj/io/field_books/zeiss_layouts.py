@@ -200,8 +200,8 @@ def _value(source: TextSource, line: int, block: str) -> ZeissValue | None:
         return None
     if VALUE_TYPES[type_] is read_name:
         return ZeissValue(type_, found[2], "")
-    text, unit = (number[1], number[2]) if number else (found[2], "")
-    return ZeissValue(type_, text, unit.lower())
+    text, _, unit = (number[1], "", number[2]) if number else found[2].partition(" ")
+    return ZeissValue(type_, text, unit.strip().lower())
 
 
 def _values_without_units(source: TextSource, line: int, text: str) -> list[ZeissValue]:
