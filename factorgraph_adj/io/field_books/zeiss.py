@@ -16,10 +16,12 @@ from pathlib import Path
 from typing import Literal
 
 from ...network.network import Network
+from ..format_options import option_text
 from ..format_reader import NetworkReader, Reader
 from ..source import DERIVED_OBSERVATIONS, LeftOutReason, TextSource
 from ..text_files import file_beginning
-from .field_book import DEFAULT_ACCURACIES, Accuracies, FieldBook, name_list
+from .accuracies import DEFAULT_ACCURACIES, Accuracies
+from .field_book import FieldBook, name_list
 from .levelled_line import LevelledLine
 from .zeiss_layouts import (
     ANGLE_UNITS,
@@ -101,7 +103,7 @@ def read_zeiss(
     angles need ``angle_unit``.
 
     Tried on four files of a Trimble M3, of which every point's own coordinates come out to 1 mm
-    (`station_orientation` is 0 then), six files of coordinates of an Elta R55 (R4, R5, M5, REC
+    with the readings as azimuths, six files of coordinates of an Elta R55 (R4, R5, M5, REC
     500), and excerpts of DiNi levels. No public file has readings of a total station in R4, R5 or
     REC 500, or a free station.
 
@@ -137,8 +139,8 @@ def read_zeiss(
         reader.read(record)
     reader.end()
     if reader.units.length is None and any(v.unit is None for r in records for v in r.values):
-        remark = f"{source.path.name} states no units: lengths are read as metres; length_unit"
-        source.problems.remarks.append(f"{remark} says another")
+        remark = f"{source.path.name} states no units: lengths are read as metres; "
+        source.problems.remarks.append(f"{remark}{option_text('length_unit', 'ft')} says feet")
     return reader.book.network()
 
 
@@ -168,7 +170,8 @@ def _point_columns(
     if all(r.info[18] != " " and r.info[24:] == "   " for r in points):
         return NUMBER_THEN_CODE
     what = "the columns of point numbers follow neither from a START block (22) nor from the "
-    what += "points: state point_columns, the first columns of code and number, such as 11,16"
+    what += f"points: give {option_text('point_columns', '11,16')}, the first columns of code and "
+    what += "number"
     source.wrong(points[0].line, what)
     return CODE_THEN_NUMBER
 
@@ -320,7 +323,8 @@ class _Reader:
         """Note a sight of the present set-up."""
         if self.station is not None and name == self.station[1]:
             what = f"station {name!r} sights itself: the instrument may have numbered the station "
-            what += "on; state stations, the names of the stations in the order of their set-ups"
+            what += f"on; give {option_text('stations', 'NAME,NAME')}, the names of the stations in "
+            what += "the order of their set-ups"
             self.source.wrong(line, what)
             return
         zenith = values.get("V1")
@@ -334,8 +338,8 @@ class _Reader:
             name,
             direction=values.get("Hz"),
             zenith=zenith,
-            distance=values.get("SD") or None,
-            horizontal=values.get("HD") or None,
+            distance=values.get("SD"),
+            horizontal=values.get("HD"),
             target_height=height,
         )
 

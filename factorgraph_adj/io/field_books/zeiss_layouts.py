@@ -11,11 +11,12 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from ...units import ANGLE, FOOT, GON
+from ..format_options import option_text
 from ..numbers import PACKED_DEGREES
 from ..source import Field, LeftOutReason, TextSource
 from .field_records import Scales, read_angle, read_length, read_name, read_number
@@ -23,7 +24,7 @@ from .field_records import Scales, read_angle, read_length, read_name, read_numb
 ERRONEOUS_RECORDS = LeftOutReason("records", "the instrument marks them as erroneous")
 LENGTH_UNITS = {"m": 1.0, "ft": FOOT}
 """Metres in units of lengths; ft is the international foot."""
-ANGLE_UNITS = {
+ANGLE_UNITS: dict[str, float | str] = {
     "gon": GON,
     "grd": GON,
     "deg": ANGLE["deg"],
@@ -40,7 +41,7 @@ _DIFFERENCES = "dx dy dz dl dq dr dc O"
 _ANGLES = "Hz V1 V2 V3 Om i c SZ SK"
 _NUMBERS = "T_ P m 04 05 06 20 21 22"
 _TEXTS = "01 02 03"
-VALUE_TYPES = {
+VALUE_TYPES: dict[str, Callable[[Field, Scales], Any]] = {
     **dict.fromkeys(f"{_LENGTHS} {_DIFFERENCES}".split(), read_length),
     **dict.fromkeys(_ANGLES.split(), read_angle),
     **dict.fromkeys(_NUMBERS.split(), read_number),
@@ -261,7 +262,8 @@ class ZeissUnits:
             if value.type not in ("Hz", "V1", "V2", "V3"):
                 return field.number()  # the orientation is needed with circles alone
             if not self.asked:
-                self.source.wrong(line, "the file has no unit of angles: state angle_unit")
+                what = f"the file has no unit of angles: give {option_text('angle_unit', 'gon')}"
+                self.source.wrong(line, f"{what}, or deg, dms, mil")
             self.asked = True
             return math.nan
         unit = self._unit(line, value, ANGLE_UNITS, self.angle or "gon")

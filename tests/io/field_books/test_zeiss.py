@@ -258,7 +258,7 @@ def test_a_stationing_in_height_gives_the_station_its_height(tmp_path):
 def test_a_station_that_sights_itself_needs_names(tmp_path):
     text = m5([*known_station(), *known_station()])
     lines = text.replace("2|SD", "1|SD")
-    with pytest.raises(InputError, match=r"book.m5:9: station '1' sights itself: .*state stations"):
+    with pytest.raises(InputError, match=r"book.m5:9: station '1' sights itself: .*give stations="):
         read(tmp_path, lines)
     network = read(tmp_path, lines, stations="X,Y")
     assert {o.points()[0] for o in network.observations.values()} == {"X", "Y"}
