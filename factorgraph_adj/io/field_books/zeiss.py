@@ -323,7 +323,9 @@ class _Reader:
         """Note a sight of the present set-up."""
         if self.station is not None and name == self.station[1]:
             what = f"station {name!r} sights itself: the instrument may have numbered the station "
-            what += f"on; give {option_text('stations', 'NAME,NAME')}, the names of the stations in "
+            what += (
+                f"on; give {option_text('stations', 'NAME,NAME')}, the names of the stations in "
+            )
             what += "the order of their set-ups"
             self.source.wrong(line, what)
             return
@@ -428,7 +430,7 @@ def _is_zeiss(path: Path) -> bool:
 
 READER = Reader(
     "zeiss",
-    (".m5", ".M5", ".rec", ".REC"),
+    (".m5", ".rec"),
     "Zeiss or Trimble M5, R5, R4, REC 500",
     NetworkReader(read_zeiss),
     recognises=_is_zeiss,
