@@ -461,7 +461,7 @@ class TextSource(Source):
         said = "1 line is" if len(lines) == 1 else f"{len(lines)} lines are"
         name = CODE_PAGE_NAMES.get(code_page, code_page)
         self.problems.remarks.append(
-            f"{said} not UTF-8: read as {name}; first in {self.place(lines[0])}"
+            f"{said} not UTF-8: read as if in {name}; first in {self.place(lines[0])}"
         )
 
     def filled(self) -> Iterator[tuple[int, str]]:

@@ -44,6 +44,11 @@ _INLINE = re.compile(r"[{,]\s*([\w-]+)\s*=")
 """Keys of a table that is written in one line."""
 
 
+BYTES_OF_NO_CHARACTER = {0xDC00 + byte: 0xF700 + byte for byte in range(0x80, 0x100)}
+"""Private characters (U+F780 to U+F7FF) for bytes that a code page does not have, as Python
+escapes them."""
+
+
 def file_beginning(path: Path, size: int = MAX_RECOGNITION_BYTES) -> bytes:
     """Return the first bytes of a file, by which its format is recognised; b'' if unreadable."""
     try:
@@ -80,7 +85,8 @@ def decoded(found: bytes, name: str, code_page: str = "") -> tuple[str, bool]:
         found: the bytes, in UTF-8, in UTF-16 with its mark, or in the code page.
         name: name of the file in messages.
         code_page: encoding of text that is neither, for formats whose programs write that of
-            their system; characters that it does not have become U+FFFD.
+            their system; bytes to which it gives no character become private characters, each
+            another one, so that different names stay different.
 
     Raises:
         InputError: the text has another encoding.
@@ -90,7 +96,8 @@ def decoded(found: bytes, name: str, code_page: str = "") -> tuple[str, bool]:
         return found.decode("utf-16" if marked else "utf-8-sig"), False
     except UnicodeDecodeError as error:
         if code_page and not marked:
-            return found.decode(code_page, errors="replace"), True
+            text = found.decode(code_page, errors="surrogateescape")
+            return text.translate(BYTES_OF_NO_CHARACTER), True
         raise InputError(encoding_problem(error.object, error.start, name)) from None
 
 

@@ -182,7 +182,9 @@ def test_a_raw_format_is_a_table_of_records_and_is_registered(tmp_path, monkeypa
     values = {o.kind: o.value for o in network.observations.values()}
     assert values["slope_distance"] == 100 * FOOT
     assert values["direction"] == values["zenith_angle"] == 90 * ANGLE["deg"]
-    assert network.remarks == ["2 lines are not UTF-8: read as Windows-1252; first in site.raw:2"]
+    assert network.remarks == [
+        "2 lines are not UTF-8: read as if in Windows-1252; first in site.raw:2"
+    ]
     path.write_text("PT A 0 0\nXY\nST\nOB B 9O\nST A 1 2\n", encoding="utf-8")
     with pytest.raises(InputError) as caught:
         fga.read(path)

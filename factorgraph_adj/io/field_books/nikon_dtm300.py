@@ -16,10 +16,9 @@ from typing import Any, Literal
 from ...errors import InputError, Problem
 from ...network.network import Network
 from ...units import FOOT, GON, US_SURVEY_FOOT
-from ..format_reader import NetworkReader, Reader
+from ..format_reader import NetworkReader, Reader, begins_with
 from ..numbers import PACKED_DEGREES
 from ..source import ROWS_SWITCHED_OFF, TextSource
-from ..text_files import file_beginning
 from .accuracies import DEFAULT_ACCURACIES, Accuracies
 from .field_book import FieldBook
 from .field_records import (
@@ -55,7 +54,8 @@ DTM_RECORDS = {
 COMPUTED, TYPED = "1", "2"
 STATION_PATTERN = re.compile(r"(.*?[^-])(--?)([0-9.]*)")
 """Name of a station with the height of the instrument behind it."""
-DTM_BEGINNING = re.compile(rb"\s*[0-9]\s*,\s*[0-3]\s*,\s*[MFN][DGM]\s*,[^,\r\n]+,", re.ASCII)
+DTM_BEGINNING = rb"\s*[0-9]\s*,\s*[0-3]\s*,\s*[MFN][DGM]\s*,[^,\r\n]+[,\r\n]"
+"""State, type, units and a point."""
 
 
 def read_nikon_dtm300(
@@ -122,7 +122,7 @@ def _sight(book: FieldBook, line: int, values: dict[str, Any]) -> None:
         values["point"],
         direction=values["direction"],
         zenith=values["zenith"],
-        distance=values["distance"] or None,
+        distance=values["distance"],
         target_height=values["target_height"],
     )
 
@@ -154,15 +154,10 @@ def _point(
     book.begin(line, name, height)
 
 
-def is_nikon_dtm300(path: Path) -> bool:
-    """Return whether the first line of a file begins with state, type, units and a point."""
-    return DTM_BEGINNING.match(file_beginning(path)) is not None
-
-
 READER = Reader(
     "nikon_dtm300",
     (".nik",),
     "text of Nikon DTM-300",
     NetworkReader(read_nikon_dtm300),
-    recognises=is_nikon_dtm300,
+    recognises=begins_with(DTM_BEGINNING),
 )

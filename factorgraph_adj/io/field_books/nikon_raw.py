@@ -16,10 +16,9 @@ from typing import Any
 from ...errors import known
 from ...network.network import Network
 from ...units import ANGLE, FOOT, GON, US_SURVEY_FOOT
-from ..format_reader import NetworkReader, Reader
+from ..format_reader import NetworkReader, Reader, begins_with
 from ..numbers import PACKED_DEGREES
 from ..source import ROWS_SWITCHED_OFF, Field, LeftOutReason, TextSource
-from ..text_files import file_beginning
 from .accuracies import DEFAULT_ACCURACIES, Accuracies
 from .field_book import FieldBook, name_list
 from .field_records import (
@@ -67,9 +66,8 @@ CIRCLE_PATTERN = re.compile(r"TI\s.*\bHz\b")
 HEIGHT_PATTERN = re.compile(r"TI\s.*\bih\s+(\S+) m\b")
 """Comment of the M3 with the height of the instrument."""
 CLOCK_PATTERN = re.compile(r"\s*[0-9]{1,2}:[0-9]{2}:[0-9]{2}\s*")
-NIKON_BEGINNING = re.compile(
-    rb"[\s\x00-\x1f]*CO,[^\r\n]*\s(?:(?:CO,[^\r\n]*)?\s)*?CO,\s*(?:Dist|Angle) Units\s*:", re.ASCII
-)
+NIKON_BEGINNING = rb"[\s\x00-\x1f]*(?:CO,[^\r\n]*[\r\n]+)+?CO,\s*(?:Dist|Angle) Units\s*:"
+"""Comments (CO), one of which states a unit."""
 SAME_CIRCLE = 0.02 * GON
 """Readings of a backsight that differ by less are of one position of the circle."""
 
@@ -331,8 +329,7 @@ class _Reader:
         repeated = any(name == at["backsight"] for _, name, _ in sights)
         if turned or (sights and not repeated):
             self.book.begin(line, at["point"], at["height"])
-        if (turned or not repeated) and at.get("direction") is not None:
-            self.book.sight(line, at["backsight"], direction=at["direction"], face=1)
+        self.book.backsight(line, at["backsight"], at.get("direction"))
 
     def _sight(self, line: int, name: str, values: dict[str, Any]) -> None:
         vertical, face = values["vertical"], values.get("face")
@@ -345,7 +342,7 @@ class _Reader:
             name,
             direction=values["direction"],
             zenith=zenith,
-            distance=values["distance"] or None,
+            distance=values["distance"],
             target_height=values["target_height"],
             face=face,
         )
@@ -359,15 +356,10 @@ def _is_same_circle(values: dict[str, Any], stated: float | None) -> bool:
     return abs(math.remainder(difference, 2 * math.pi)) < SAME_CIRCLE
 
 
-def is_nikon_raw(path: Path) -> bool:
-    """Return whether a file begins with comments (CO), one of which states a unit."""
-    return NIKON_BEGINNING.match(file_beginning(path)) is not None
-
-
 READER = Reader(
     "nikon_raw",
     (".raw", ".sdr"),
     "Nikon RAW V2.00",
     NetworkReader(read_nikon_raw),
-    recognises=is_nikon_raw,
+    recognises=begins_with(NIKON_BEGINNING),
 )

@@ -71,7 +71,7 @@ def test_angles_are_packed_degrees_and_a_target_height_counts_until_the_next(tmp
     assert of["103", "1000", "direction"].target_height == 0.37
     assert of["104", "1000", "direction"].target_height == 0.37  # the station does not end it
     assert ("104", "103", "slope_distance") not in of
-    assert network.remarks == ["1 line is not UTF-8: read as cp852; first in b.mjk:1"]
+    assert network.remarks == ["1 line is not UTF-8: read as if in cp852; first in b.mjk:1"]
 
 
 def test_an_empty_target_height_is_none(tmp_path):

@@ -99,6 +99,6 @@ def test_wrong_lines_are_all_named(tmp_path):
         "book.nik:3: units of lengths and angles 'MX' is unknown",
         "book.nik:4: point is missing",
         "book.nik:6: state (1 valid, 0 deleted) must be a whole number",
-        "book.nik:1: 1 sight from here has no station: it begins with a line of type 2",
+        "book.nik:1: 2 sights from here have no station: it begins with a line of type 2",
     ):
         assert what in said

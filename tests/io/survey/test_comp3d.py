@@ -354,5 +354,5 @@ def test_files_in_the_code_page_of_windows_are_stated(tmp_path: Path) -> None:
         (tmp_path / name).write_text(text)
     (tmp_path / "net.cor").write_bytes(POINTS.replace("the net", "Höhen").encode("cp1252"))
     network = fga.read(tmp_path / "net.obs", latitude=45.0)
-    said = "1 line is not UTF-8: read as Windows-1252; first in net.cor:1"
+    said = "1 line is not UTF-8: read as if in Windows-1252; first in net.cor:1"
     assert network.remarks == [said]

@@ -93,7 +93,7 @@ def test_a_code_page_is_read_as_windows_1252_and_said(tmp_path, page, capsys):
     text = SDR_COORDINATES.format(job=job, vertical=1)
     network = read(tmp_path, "a.sdr", text, page)
     assert list(network.points) == ["101"]
-    said = "1 line is not UTF-8: read as Windows-1252; first in a.sdr:2"
+    said = "1 line is not UTF-8: read as if in Windows-1252; first in a.sdr:2"
     assert network.remarks == [said]
     assert not read(tmp_path, "b.sdr", text).remarks
 
@@ -101,7 +101,7 @@ def test_a_code_page_is_read_as_windows_1252_and_said(tmp_path, page, capsys):
 def test_the_remark_on_a_code_page_is_in_the_report_and_the_results(tmp_path):
     text = field_files.gsi().replace("0A ", "\xc4 ")
     network = read(tmp_path, "a.gsi", text, "cp1252", fixed="\xc4,B,C", refraction=None)
-    said = "not UTF-8: read as Windows-1252; first in a.gsi:1"
+    said = "not UTF-8: read as if in Windows-1252; first in a.gsi:1"
     solution = fga.adjust(network)
     assert said in " ".join(fga.text_report(solution).split())
     fga.write_results(solution, tmp_path / "results.json")
@@ -143,5 +143,5 @@ def test_codes_of_standard_errors_are_read_without_blanks_between(tmp_path):
 def test_a_sign_in_a_comment_of_star_net_is_no_problem(tmp_path):
     text = STAR_NET.format(sign="\xa9", three="!!!", errors="")
     network = read(tmp_path, "a.dat", text, "cp1252", options=SETTINGS)
-    assert network.remarks == ["1 line is not UTF-8: read as Windows-1252; first in a.dat:1"]
+    assert network.remarks == ["1 line is not UTF-8: read as if in Windows-1252; first in a.dat:1"]
     assert len(network.observations) == 6

@@ -237,10 +237,9 @@ def test_what_sdr_says_in_its_header_counts(tmp_path):
         (
             "211111",
             "911111",
-            "option 1, angles (1 degrees, 2 gon, 4 mil), '9' is unknown; valid: 1, 2, 4",
+            "option 1, angles (1 degrees, 2 gon, 3 mil; 4 mil of Nikon), '9' is unknown",
         ),
         ("211111", "211112", "option 6, angles (1 clockwise), '2' is unknown; valid: 1"),
-        ("03NM", "12SC", "sets (12) are not read"),
         ("03NM", "77NM", "record '77' is unknown; valid: 00, 01"),
         ("09F1S", "09F1X", "observation from 'X' at 'S'"),
         ("SDR33 V", "XYZ33 V", "the header must be"),
