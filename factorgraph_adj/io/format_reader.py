@@ -1,7 +1,7 @@
 """Record of the reader of one format: suffixes, recognition by content, function that reads.
 
-A module of `io.field_books`, `io.gnss`, `io.photogrammetry` or `io.survey` states its reader as
-``READER``, and `io.readers` finds it; `io.readers.register_reader` takes others.
+A module of `io.field_books`, `io.gnss`, `io.photogrammetry`, `io.robotics` or `io.survey` states
+its reader as ``READER``, and `io.readers` finds it; `io.readers.register_reader` takes others.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Table of the formats that can be read, by suffix and content; `read` of a file of any of them.
 
-A new format needs one module of `io.field_books`, `io.gnss`, `io.photogrammetry` or `io.survey`
-with a function that reads a file and its ``READER``.
+A new format needs one module of `io.field_books`, `io.gnss`, `io.photogrammetry`, `io.robotics` or
+`io.survey` with a function that reads a file and its ``READER``.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any
 from ..errors import InputError, Problem, known
 from ..files import named_by_user
 from ..network.network import Network
-from . import field_books, gnss, photogrammetry, survey
+from . import field_books, gnss, photogrammetry, robotics, survey
 from .file_signatures import description, looks_like
 from .format_options import fitting_options, refuse_unknown_options
 from .format_reader import NetworkReader, Reader
@@ -241,7 +241,7 @@ class Readers:
 
 def _readers_of_modules() -> Iterator[Reader]:
     """Yield every reader that a module of a room of formats states, in the order of the names."""
-    for room in (field_books, gnss, photogrammetry, survey):
+    for room in (field_books, gnss, photogrammetry, robotics, survey):
         for found in iter_modules(room.__path__, f"{room.__name__}."):
             stated = vars(import_module(found.name)).values()
             yield from (value for value in stated if isinstance(value, Reader))

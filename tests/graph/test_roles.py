@@ -27,6 +27,7 @@ from factorgraph_adj.graph.equations import Equations, compile_network
 from factorgraph_adj.graph.user_factors import KeyOf
 from factorgraph_adj.graph.variables import State
 from factorgraph_adj.models.lens import NoDistortion
+from factorgraph_adj.models.unknown_registry import UNKNOWNS
 from factorgraph_adj.observations import KINDS, ControlPoint, UnitVector
 from factorgraph_adj.simulation.measurement import look_at, measure
 from factorgraph_adj.types import Array
@@ -87,7 +88,7 @@ def cases_of(kind: str) -> list[Case]:
             apart = [
                 [a for k, a in given if k == what]
                 for what in dict.fromkeys(k for k, _ in given)
-                if what not in ("point", "vertical")
+                if what != "point" and not UNKNOWNS[what].at_point
             ]
             several = [g for g in apart if len(g) > 1]
             for groups in product(*(partitions(len(g)) for g in several)):
@@ -124,6 +125,7 @@ def add_case(network: fga.Network, case: Case, number: int, apart: bool = False)
         if called[role] not in network.points:
             network.add_point(called[role], PLACES[p])
             network.set_vertical(called[role], xi=1e-4, eta=-2e-4, sigma=2e-5)
+            network.set_unknown("heading", called[role], (0.3,), sigma=1e-4)
     changes: dict[str, Any] = {a: n for a, n in called.items() if "." not in a}
     for what, attribute in record.variables:
         if "." in attribute or getattr(o, attribute) is None:
@@ -306,7 +308,7 @@ WITH_ROLES = [
 
 
 REASONS = re.compile(
-    "to itself|the same two points|are the same: a relative pose|must name two frames"
+    "to itself|the same two points|are the same: a (?:relative pose|turn)|must name two frames"
     "|is the origin of frame|its offset has no direction"
 )
 """Why some variables cannot coincide."""

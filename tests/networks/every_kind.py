@@ -98,6 +98,12 @@ EXAMPLES: dict[str, Example] = {
             )
         ]
     ),
+    "body_vector": Example(
+        lambda: [
+            o.BodyVector("f", "j", (0.0, 0.0, 0.0), covariance=COVARIANCE),
+            o.BodyVector("g", "k", (0.0, 0.0, 0.0), sigma=(1.0, 2.0, 3.0)),
+        ]
+    ),
 }
 """An example of each kind that no other network of the tests states. A kind in frames of its own,
 or with parameters of `OBSERVED`, has its line there, in `everything` and in `random_more`."""
@@ -304,6 +310,11 @@ OBSERVED: dict[str, Callable[[], list[o.Observation]]] = {
         o.PhotoSight("f", BODY, SEEN, covariance=COVARIANCE[:2, :2], mount="imu"),
         o.PhotoSight("f", BODY, SEEN, axes="y", sigma=(0.1,)),
     ],
+    "planar_vector": lambda: [
+        o.PlanarVector("i", "j", (0.0, 0.0), covariance=COVARIANCE[:2, :2]),
+        o.PlanarVector("j", "k", (0.0, 0.0), sigma=(1.0, 2.0)),
+    ],
+    "heading_difference": lambda: [o.HeadingDifference("i", "j", 0.0, sigma=0.1)],
     "gyro_azimuth": lambda: [o.GyroAzimuth("i", "j", 0.0, gyro="gyro", **SIGHT)],
 }
 """Observations of each kind between the points i, j, k, l, of frames, and of the photos f, g."""
@@ -420,6 +431,8 @@ def sight_equations(frame_name: str, geometry: Geometry) -> tuple[Equations, Arr
     network.set_refraction("ray", value=0.17)
     network.set_distance_meter("edm", scale=3e-5, zero=0.02, free=("scale", "zero"))
     network.set_orientation("i", value=0.3)
+    for name, azimuth in (("i", 0.7), ("j", 3.4)):
+        network.set_unknown("heading", name, (azimuth,))
     network.set_unknown("index_error", "circle", (2e-4,))
     network.set_unknown("collimation_error", "telescope", (3e-4,))
     network.set_mount("cup", free=TURNS_AND_ARM, values=MOUNTED)
@@ -451,6 +464,7 @@ def sight_equations(frame_name: str, geometry: Geometry) -> tuple[Equations, Arr
             0.01 * cos_latitude * geometry.reach / (geometry.length + sum(HEIGHTS.values())),
         ),
         "orientation": (0.01,),
+        "heading": (0.01,),
         "refraction": (0.1,),
         "edm": (1e-3, 1e-2),
         "index_error": (1e-3,),

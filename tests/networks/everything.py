@@ -91,6 +91,8 @@ def everything(frame_name: str) -> Network:
     n.set_profile("8", free=("height", "height_tt"))
     n.set_gyro("gyro 1", sigma=1e-5, value=1 / 3e3)
     n.set_gyro("gyro 2")
+    n.set_unknown("heading", "A", (1 / 3,), sigma=1e-3)
+    n.set_unknown("heading", "#C", (4.5,))
     per_part = StandardDeviation(0.002, ppm=2.0, centring_target=0.001)
     turned = StandardDeviation(1e-5, centring_instrument=0.001, centring_target=0.002)
     n.add(
@@ -175,6 +177,10 @@ def everything(frame_name: str) -> Network:
         o.PhotoSight("f1", (1, 0, 0), (0, 0, -1), (1e-9 / 3,), axes="x", sigma=(1e-3,)),
         o.GyroAzimuth("A", '"D"', 6.1, sigma=turned, gyro="gyro 1", target_height=1.3),
         o.GyroAzimuth("A", "#C", 1 / 3, sigma=1e-5),
+        o.BodyVector("f1", "#C", (0.1, -1 / 3, 2.0), sigma=(0.1, 0.2, 0.3)),
+        o.PlanarVector("A", "#C", (0.1, -1 / 3), sigma=(0.1, 0.2)),
+        o.PlanarVector("#C", "A", (1.0, 2.0), covariance=np.array([[2e-6, 1e-7], [1e-7, 1e-6]])),
+        o.HeadingDifference("A", "#C", -1 / 3, sigma=1e-3),
     )
     turned_by = np.diag([1e-10, 2e-10, 3e-10]) + 1e-11
     n.add(

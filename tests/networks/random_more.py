@@ -230,7 +230,13 @@ def _offsets(m: More) -> None:
     if (a, "1") not in n.orientations:
         n.set_orientation(a, value=0.3)
         n.add(*(o.Direction(a, p, 0.0, sigma=5 * ARCSEC) for p in (b, c)))
+    for p in (a, b):
+        if p not in n.of_kind("heading"):
+            n.set_unknown("heading", p, (turn,))
     n.add(
+        o.PlanarVector(a, b, (0.0, 0.0), sigma=(5 * MM, 5 * MM)),
+        o.PlanarVector(a, c, (0.0, 0.0), covariance=np.array([[3e-5, 1e-5], [1e-5, 2e-5]])),
+        o.HeadingDifference(a, b, 0.0, sigma=20 * ARCSEC),
         o.LineOffset(a, b, c, 1.0, sigma=2 * MM),
         o.SightPlaneOffset(a, b, 0.0, horizontal=turn, sigma=2 * MM),
         o.SightOffset(a, c, 1.0, horizontal=turn, zenith=1.4, sigma=2 * MM),

@@ -1,0 +1,1 @@
+"""Readers of robotics: pose graphs, trajectories, calibrations of cameras on a body."""
