@@ -32,15 +32,8 @@ import numpy as np
 from ...models.base import within
 from ...models.lens import NoDistortion
 from ...network.network import Network
-from ...observations import (
-    BodyVector,
-    Correlated,
-    HeadingDifference,
-    Observation,
-    PlanarVector,
-    RelativePosition,
-    RelativeRotation,
-)
+from ...observations import Correlated, Observation, RelativePosition, RelativeRotation
+from ...observations.body_vectors import BodyVector, HeadingDifference, PlanarVector
 from ...rotation import TURN_ABOUT_X, log_rotation
 from ...types import Array
 from ..source import Problems
