@@ -453,8 +453,10 @@ class FieldBook:
             shown = [
                 f"{name} by {d:.4f} m ({self.source.place(-line)})" for name, (d, line) in largest
             ]
-            n = "1 point is" if len(largest) == 1 else f"{len(largest)} points are"
-            what = f"coordinates of {n} stated again with other values, of which the first count"
+            n = "1 point" if len(largest) == 1 else f"{len(largest)} points"
+            what = (
+                f"coordinates of {n} are stated again with other values, of which the first count"
+            )
             remarks.append(f"{what}; they differ in {known(shown, most=5)}")
 
     def _add_points(self, network: Network, held: tuple[str, ...], *, in_plan: bool) -> None:

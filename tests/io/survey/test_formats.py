@@ -9,7 +9,7 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.io.field_books.gsi import gsi_blocks, read_gsi_length
+from factorgraph_adj.io.field_books.gsi_words import gsi_blocks, read_gsi_length
 from factorgraph_adj.io.source import TextSource
 from factorgraph_adj.observations import Direction, HeightDifference, SlopeDistance
 from factorgraph_adj.units import GON, LENGTH
