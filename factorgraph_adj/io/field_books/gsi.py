@@ -17,7 +17,7 @@ from ..source import TextSource
 from .accuracies import DEFAULT_ACCURACIES, Accuracies
 from .field_book import FieldBook
 from .field_records import NEEDED, RecordField, read_record
-from .gsi_level import LevelledLine
+from .gsi_level import GsiLevel
 from .gsi_words import (
     VALUES_MISSING,
     GsiBlock,
@@ -139,7 +139,7 @@ def read_gsi(
         station=None if station is None else str(station),
         may_lack_station=True,
     )
-    levelling, codes = LevelledLine(book), dict[str, bool]()
+    levelling, codes = GsiLevel(book), dict[str, bool]()
     for block in gsi_blocks(source):
         line, (index, word) = block.line, block.words[0]
         if index == "41" and "?" in word:
@@ -190,7 +190,7 @@ def _read_block(book: FieldBook, block: GsiBlock, name: str) -> None:
 
 READER = Reader(
     "gsi",
-    (".gsi", ".GSI"),
+    (".gsi",),
     "Leica GSI-8 or GSI-16",
     NetworkReader(read_gsi),
     recognises=is_gsi,

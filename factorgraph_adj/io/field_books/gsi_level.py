@@ -10,11 +10,10 @@ with the number 0 as JAG3D reads them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from ..source import LeftOutReason
 from .field_book import FieldBook
 from .gsi_words import VALUES_MISSING, GsiBlock, is_missing, leave_out_words, read_gsi_length
+from .levelled_line import LevelledLine
 
 STAFF_WORDS = {
     **dict.fromkeys(("331", "335"), "back"),
@@ -47,45 +46,38 @@ CHECKS = LeftOutReason("readings of the staff", "they check the instrument")
 REPEATED = LeftOutReason("readings of the staff", "they were repeated at once")
 
 
-@dataclass(frozen=True)
-class StaffReading:
-    """A reading of a staff, metres."""
-
-    stated: str
-    """Number of the point as the file has it."""
-    point: str
-    """Name of the point."""
-    height: float
-    distance: float
-    """Distance of the staff; 0: unknown."""
-    line: int
-
-
-class LevelledLine:
-    """The present line: readings of the set-up whose height difference is not noted so far."""
+class GsiLevel:
+    """The present line of a level: names of its turning points, readings that were repeated."""
 
     def __init__(self, book: FieldBook) -> None:
         """Start without a line."""
-        self.book = book
-        self.source = book.source
-        self.in_line = False
-        self.needed: int | None = None
-        """Number of readings of each staff; None: the file does not state a method."""
-        self.readings: dict[str, StaffReading] = {}
-        """Readings of the set-up, by word index."""
+        self.source, self.book = book.source, book
+        self.line = LevelledLine(book)
+        self.method: int | None = None
+        """Number of readings of each staff by the method; None: the file states none."""
+        self.read: list[str] = []
+        """Word indices of the readings of the set-up."""
+        self.stated: dict[str, str] = {}
+        """Numbers of the points of the set-up as the file has them, by sight."""
+        self.names: dict[str, str] = {}
+        """Names of these points, by sight."""
         self.turning = ""
         """Name of the turning point on which the next backsight stands."""
         self.turning_points = 0
 
     def begin(self, line: int, word: str) -> None:
         """Begin a line; the code ``?......2`` has the method."""
-        self.end()
         method = word.rpartition("?")[2].strip(".+ ")
-        field = self.source.field(
-            line, method, "method of levelling (1 BF, 2 BFFB, 3 aBF, 4 aBFFB)"
-        )
-        self.needed = field.choice(LEVEL_METHODS, default=None)
-        self.in_line, self.turning = True, ""
+        what = "method of levelling (1 BF, 2 BFFB, 3 aBF, 4 aBFFB, 10 check)"
+        field = self.source.field(line, method, what)
+        self.method = field.choice(LEVEL_METHODS, default=None)
+        self.line.begin_line(self.method or 1)
+        self._begin_setup()
+        self.turning = ""
+
+    def end(self) -> None:
+        """Note the last set-up of the last line."""
+        self.line.end()
 
     def takes(self, block: GsiBlock, name: str) -> bool:
         """Read a block of a line; return whether it is one."""
@@ -93,7 +85,7 @@ class LevelledLine:
         found = [(index, word) for index, word in block.words if index in STAFF_WORDS]
         alone = block.first(READING_ALONE)
         staff = found or alone is not None or any(i in WORDS_WITHOUT_OBSERVATION for i in indices)
-        if not staff and (not self.in_line or any(i in TOTAL_STATION_WORDS for i in indices)):
+        if not staff and (not self.line.in_line or any(i in TOTAL_STATION_WORDS for i in indices)):
             return False
         for index in indices:
             if index not in WORDS_OF_LEVELS:
@@ -110,17 +102,22 @@ class LevelledLine:
             self.source.leave_out(block.line, NO_LINE, name)
         for index, word in found:
             value = self._length(block.line, index, word)
-            if self.needed == 0:
+            if self.method == 0:
                 self.source.leave_out(block.line, CHECKS, name)
+            elif STAFF_WORDS[index] == "intermediate":
+                name = self._new_turning_point() if name == TURNING_POINT else name
+                self.line.reading(block.line, "intermediate", name, value, length)
             else:
-                self._reading(index, StaffReading(name, name, value, length, block.line))
+                self._prepare(block.line, index, name)
+                sight = STAFF_WORDS[index]
+                self.line.reading(block.line, sight, self.names[sight], value, length)
         return True
 
     def _height(self, line: int, name: str, word: str) -> None:
         """Note the height of a point if it was typed or begins a line: others are computed."""
         if is_missing(word):
             self.source.leave_out(line, VALUES_MISSING, f"{name} 83")
-        elif word[2] in TYPED or not self.readings:
+        elif word[2] in TYPED or not self.read:
             self.book.point(line, name, up=self._length(line, "83", word), agree=False)
         else:
             leave_out_words(self.source, line, ["83"])
@@ -130,93 +127,43 @@ class LevelledLine:
 
     # -- set-ups --------------------------------------------------------------------------------
 
-    def _of(self, sight: str) -> list[StaffReading]:
-        """Return the readings of a sight of the set-up."""
-        return [r for index, r in self.readings.items() if STAFF_WORDS[index] == sight]
+    def _begin_setup(self) -> None:
+        self.read, self.stated, self.names = [], {}, {}
 
-    def _is_complete(self) -> bool:
-        return all(len(self._of(sight)) >= (self.needed or 1) for sight in ("back", "fore"))
+    def _prepare(self, line: int, index: str, stated: str) -> None:
+        """Begin a set-up with a reading where the last is complete, and name its point."""
+        sight, complete = STAFF_WORDS[index], self.line.is_complete
+        same = self.stated.get(sight) == stated
+        if complete and self.method is None and same and index in SECOND_READINGS:
+            # Second readings say that each staff is read twice.
+            complete, self.line.needed = index in self.read, 2
+        repeated = same and index in self.read and not complete
+        if complete and self.read[-1] == index and same and stated != TURNING_POINT:
+            repeated = True  # turning points without a number may be others
+        whole = bool(self.read) and self.read[-1] != index
+        if repeated and self.line.take_back(setup=whole):
+            self.source.leave_out(line, REPEATED, self.names[sight])
+            self.read = [] if whole else self.read[:-1]
+        elif complete:
+            self.turning = self.names["fore"] if self.stated["fore"] == TURNING_POINT else ""
+            self._begin_setup()
+        if sight not in self.names:
+            self.stated[sight], self.names[sight] = stated, self._name(line, sight, stated)
+        elif not same:
+            self.names[sight] = stated  # another point than before, which the line refuses
+        self.read.append(index)
 
-    def _reading(self, index: str, r: StaffReading) -> None:
-        """Add a reading to the set-up, or begin the next one with it."""
-        sight, before = STAFF_WORDS[index], self.readings.get(index)
-        if sight == "intermediate":
-            self._intermediate(r)
-            return
-        last = next(reversed(self.readings), "")
-        repeats = before is not None and before.stated == r.stated
-        if self._is_complete():
-            # Turning points without a name may be others.
-            repeats &= index == last and r.stated != TURNING_POINT
-            extends = self.needed is None and index in SECOND_READINGS and before is None
-            extends &= any(other.stated == r.stated for other in self._of(sight))
-            if not repeats and not extends:
-                self._note()
-                before = None
-        if repeats and before is not None:
-            self.source.leave_out(before.line, REPEATED, before.point)
-            del self.readings[index]
-        others = self._of(sight)
-        r = self._named(r, sight, others)
-        if before is not None and not repeats:
-            others = [before]
-        if others and others[0].point != r.point:
-            what = f"{sight}sight of {r.point!r} in a set-up whose {sight}sight is "
-            self.source.wrong(r.line, f"{what}{others[0].point!r}")
-        self.readings[index] = r
-
-    def _named(self, r: StaffReading, sight: str, others: list[StaffReading]) -> StaffReading:
-        """Return a reading with the name of its point; turning points have names by their order."""
-        if r.stated != TURNING_POINT:
-            return r
-        name = self.turning
-        if others:
-            name = others[0].point
-        elif sight != "back":
-            self.turning_points += 1
-            name = f"{TURNING_POINT}_{self.turning_points}"
-        elif not name:
+    def _name(self, line: int, sight: str, stated: str) -> str:
+        """Return the name of a point; turning points have names by their order."""
+        if stated != TURNING_POINT:
+            return stated
+        if sight == "fore":
+            return self._new_turning_point()
+        if not self.turning:
             what = "backsight of the turning point 0, to which no foresight was read before"
-            self.source.wrong(r.line, what)
-        return StaffReading(r.stated, name, r.height, r.distance, r.line)
+            self.source.wrong(line, what)
+        return self.turning
 
-    def _intermediate(self, r: StaffReading) -> None:
-        if not (back := self._of("back")):
-            what = f"intermediate reading of {r.stated!r} without a backsight"
-            self.source.wrong(r.line, what)
-            return
-        r = self._named(r, "intermediate", [])
-        height, distance = _mean(back)
-        self.book.levelled(r.line, back[0].point, r.point, height - r.height, distance + r.distance)
-
-    def _note(self) -> None:
-        """Note the height difference of the set-up, and begin another one."""
-        back, fore = self._of("back"), self._of("fore")
-        (of_back, near), (of_fore, far) = _mean(back), _mean(fore)
-        line = max(r.line for r in self.readings.values())
-        self.book.levelled(line, back[0].point, fore[0].point, of_back - of_fore, near + far)
-        self.turning = fore[0].point if fore[0].stated == TURNING_POINT else ""
-        self.readings = {}
-
-    def end(self) -> None:
-        """Note the last set-up of a line, or that it is not complete."""
-        if not self.readings:
-            return
-        if self._is_complete():
-            self._note()
-            return
-        line = max(r.line for r in self.readings.values())
-        sights = {STAFF_WORDS[index] for index in self.readings}
-        what = f"the line ends with a {next(iter(sights))}sight alone"
-        if len(sights) == 2:
-            what = "the line ends with an incomplete set-up: the method reads backsight and "
-            what += "foresight twice"
-        self.source.wrong(line, what)
-        self.readings = {}
-
-
-def _mean(readings: list[StaffReading]) -> tuple[float, float]:
-    """Return the means of readings and of the distances that are known; 0 without any."""
-    distances = [r.distance for r in readings if r.distance]
-    height = sum(r.height for r in readings) / len(readings)
-    return height, sum(distances) / len(distances) if distances else 0.0
+    def _new_turning_point(self) -> str:
+        self.turning_points += 1
+        return f"{TURNING_POINT}_{self.turning_points}"

@@ -173,7 +173,7 @@ def test_both_readings_of_each_staff_are_meaned(tmp_path):
     second = (1.31010 + 1.31018) / 2 - (1.95544 + 1.95540) / 2
     up = (1.31010 + 1.31018) / 2 + 0.5
     assert levelled(network) == [
-        ("M1", "T", round(first, 6)), ("T", "X", round(up, 6)), ("T", "M2", round(second, 6))
+        ("M1", "T", round(first, 6)), ("T", "M2", round(second, 6)), ("T", "X", round(up, 6))
     ]  # fmt: skip
     solution = fga.adjust(network)
     assert abs(solution.point("M2")[2] - (120.5 + first + second)) < 1e-6
@@ -223,6 +223,9 @@ def test_a_reading_that_is_repeated_at_once_replaces_the_first(tmp_path):
     assert levelled(network) == [("A", "B", 0.3), ("A", "B", 0.3)]
     (left,) = network.left_out
     assert (left.count, left.names) == (2, ("A", "B"))
+    twice = "410001+?......2\n" + staff(2, "A", "331", 1.9) + staff(3, "B", "332", 1.7)
+    twice += staff(4, "A", "331", 1.5) + staff(5, "B", "332", 1.2) + staff(6, "B", "336", 1.2)
+    assert levelled(read(tmp_path, twice + staff(7, "A", "335", 1.5))) == [("A", "B", 0.3)]
     text = begin + staff(2, "A", "331", 1.9) + staff(3, "C", "331", 1.5)
     assert "book.gsi:3: backsight of 'C' in a set-up whose backsight is 'A'" in said(tmp_path, text)
 
