@@ -18,7 +18,7 @@ from pathlib import Path
 
 from ...units import ANGLE, FOOT
 from ..numbers import PACKED_DEGREES
-from ..source import Field, LeftOutReason, TextSource
+from ..source import Field, LeftOutReason, Source, TextSource
 from ..text_files import file_beginning
 from .field_records import SI, Scales
 
@@ -146,7 +146,7 @@ def _whole_number(field: Field) -> float:
     return math.nan
 
 
-def leave_out_words(source: TextSource, line: int, indices: list[str]) -> None:
+def leave_out_words(source: Source, line: int, indices: list[str]) -> None:
     """Count words that hold no observation."""
     for index in indices:
         source.leave_out(line, WITHOUT_OBSERVATION, index)
