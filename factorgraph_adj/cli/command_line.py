@@ -1,7 +1,7 @@
 """Command ``factorgraph-adj``: its table of commands, parsers that suggest words, exit codes.
 
-Commands are check, convert, join, formats, compare, adjust, plot, stream, plan, propose. Each adds
-its arguments when it is called, and returns an exit code of `factorgraph_adj.cli.messages`.
+Commands are new, check, convert, join, formats, compare, adjust, plot, stream, plan, propose. Each
+adds its arguments when it is called, and returns an exit code of `factorgraph_adj.cli.messages`.
 Errors go to stderr as a list with one problem in each line.
 """
 
@@ -42,6 +42,7 @@ COMMAND_MODULES = {
     ),
     "plan": ("design", "add_plan", "what a design will give; it needs no readings"),
     "propose": ("design", "add_propose", "the cheapest additions that meet the targets"),
+    "new": ("new_project", "add_new", "make a project folder from the files of a survey"),
     "check": ("network_files", "add_check", "find every problem of the input"),
     "convert": ("network_files", "add_convert", "read a network in one format, write another"),
     "join": ("network_files", "add_join", "read several files of one object, write one network"),

@@ -59,10 +59,20 @@ def _check(options: argparse.Namespace) -> int:
         print_problems(error.problems, every=options.all)
         _hint_at_plan(options, len(error.problems))
         return EXIT_BAD_INPUT
+    return check_project(project, every=options.all)
+
+
+def check_project(project: Project, *, every: bool = False) -> int:
+    """Print the problems and doubts of a project before its adjustment; return an exit code.
+
+    Args:
+        project: the project.
+        every: whether problems that repeat are listed one by one.
+    """
     try:
         refuse_problems(project)
     except InputError as error:
-        print_problems(error.problems, every=options.all)
+        print_problems(error.problems, every=every)
         return EXIT_BAD_INPUT
     network = project.network
     content = (
@@ -91,11 +101,11 @@ def _check(options: argparse.Namespace) -> int:
         print(
             f"{n} doubt{'s' * (n != 1)} about files, readings or given values; nothing was changed:"
         )
-        for line in problem_lines(found, every=options.all):
+        for line in problem_lines(found, every=every):
             print(line)
     if without:
         print("adjust will find no approximate values for:")
-        for line in problem_lines(without, every=options.all):
+        for line in problem_lines(without, every=every):
             print(line)
     _print_notes(noted)
     return EXIT_DOUBTFUL
@@ -191,6 +201,12 @@ def add_join(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("files", metavar="FILE", nargs="+", help=PROJECT_HELP)
     add_writing(parser)
     add_reading(parser)
+    add_sets(parser)
+    parser.set_defaults(run=_join)
+
+
+def add_sets(parser: argparse.ArgumentParser) -> None:
+    """Add the option of sets of directions in several files."""
     parser.add_argument(
         "--sets",
         choices=get_args(Sets),
@@ -198,16 +214,15 @@ def add_join(parser: argparse.ArgumentParser) -> None:
         help="whether sets of directions of one name at one station, in several files, are set-ups "
         "of their own (apart)",
     )
-    parser.set_defaults(run=_join)
 
 
 def _join(options: argparse.Namespace) -> int:
     writing = parsed_settings(options.writing, "--with")
     WRITERS.of(Path(options.out), options.to)  # before a long reading
-    projects = _read(options)
+    projects = read_files(options)
     for project in projects:
         print_warnings(project.warnings)
-    network = _joined(projects, options).network
+    network = joined_project(projects, options).network
     WRITERS.write(network, options.out, format=options.to, options=writing)
     print(
         f"{options.out}: {len(network.points)} points, {len(network.photos)} photos, "
@@ -217,7 +232,7 @@ def _join(options: argparse.Namespace) -> int:
     return EXIT_FINE
 
 
-def _read(options: argparse.Namespace) -> list[Project]:
+def read_files(options: argparse.Namespace) -> list[Project]:
     """Read the files, each with the options that concern it; all problems are raised at once."""
     stated_reference_system(options)
     problems: list[Problem] = []
@@ -274,8 +289,8 @@ def _settings_of(given: Sequence[str], readers: dict[str, Reader]) -> dict[str, 
     return out
 
 
-def _joined(projects: Sequence[Project], options: argparse.Namespace) -> Project:
-    """Return the project of all: files in a grid together, then with those on the Earth.
+def joined_project(projects: Sequence[Project], options: argparse.Namespace) -> Project:
+    """Return one project of all: files in a grid together, then with those on the Earth.
 
     A book of a level has no plan, so that it leaves the grid with the points of the others.
     """

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import math
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import fields
+from decimal import Decimal
 from pathlib import Path
 from typing import cast
 
@@ -25,7 +27,7 @@ from .crs_section import crs_section_lines
 from .csv_tables import write_table
 from .file_transaction import write_files
 from .numbers import Units
-from .observation_fields import ImageAxes, observation_columns
+from .observation_fields import ImageAxes, combine_fields, observation_columns, sigma_fields
 from .observation_tables import COVARIANCE_COLUMNS, DOUBT_COLUMNS, IMAGE_COLUMNS
 from .parameter_tables import parameter_columns, parameter_records, parameter_table
 from .unknowns_tables import (
@@ -41,10 +43,32 @@ from .unknowns_tables import (
 Records = Iterator[dict[str, str]]
 
 
+MIN_COMMON_SHARE = 0.5
+"""Least share of the rows of a kind that state one σ, which then stands in [sigma.KIND]."""
+Sigmas = dict[str, dict[str, str]]
+"""Fields of standard deviations by kind of observation."""
+
+
 def project_toml_lines(
-    network: Network, units: Units, files: Iterable[str], folder: Path | None = None
+    network: Network,
+    units: Units,
+    files: Iterable[str],
+    folder: Path | None = None,
+    *,
+    sigmas: Sigmas | None = None,
+    heading: Iterable[str] = (),
 ) -> Iterator[str]:
-    """Return the lines of the TOML file of a project whose tables are ``files``, in a folder."""
+    """Return the lines of the TOML file of a project.
+
+    Args:
+        network: the network.
+        units: units of the files.
+        files: names of its tables.
+        folder: its folder.
+        sigmas: standard deviations of rows that state none.
+        heading: lines of a comment at the beginning.
+    """
+    yield from (f"# {line}".rstrip() for line in heading)
     yield f"name = {_text(network.name)}"
     yield f"datum = {_text(network.datum)}"
     yield ""
@@ -62,6 +86,21 @@ def project_toml_lines(
     for camera in network.cameras.values():
         yield ""
         yield from _camera(camera)
+    for kind, stated in (sigmas or {}).items():
+        yield ""
+        yield f"[sigma.{kind}]"
+        for name, text in stated.items():
+            yield f"{name} = {_stated_number(text)}"
+
+
+def _stated_number(text: str) -> str:
+    """Return a number of a table as TOML; a text if a float does not have all its digits."""
+    try:
+        value = float(text)
+    except ValueError:
+        return _text(text)
+    exact = Decimal(text) == Decimal(repr(value))
+    return toml_value(value) if exact else _text(text)
 
 
 def _frame(frame: Frame, units: Units) -> Iterator[str]:
@@ -147,7 +186,13 @@ def _float(value: float) -> str:
 
 
 @taking(Network)
-def write_project(network: Network, path: str | Path, *, units: Units | None = None) -> None:
+def write_project(
+    network: Network,
+    path: str | Path,
+    *,
+    units: Units | None = None,
+    heading: Iterable[str] = (),
+) -> None:
     """Write a network as a TOML file with CSV tables beside it; an error writes no file.
 
     `read_project` gives back the same points, unknowns and observations in the same order,
@@ -155,17 +200,21 @@ def write_project(network: Network, path: str | Path, *, units: Units | None = N
 
     Args:
         network: the network.
-        path: the TOML file; the tables go into its folder, which is created if missing.
+        path: the TOML file, or a folder for project.toml; the tables go into the folder, which is
+            created if missing.
         units: units of the files; metres, gon and degrees by default.
+        heading: lines of a comment at the beginning of the TOML file.
 
     Raises:
         InputError: a name or a unit cannot be written to a file, or the folder cannot be
             written to; no file has changed.
     """
     path = Path(path)
+    if not path.suffix or path.is_dir():
+        path = path / "project.toml"
     if path.suffix != ".toml":
-        raise InputError(Problem("a project is a .toml file", str(path)))
-    files = network_files(network, units=units, toml=path.name, folder=path.parent)
+        raise InputError(Problem("a project is a .toml file or a folder", str(path)))
+    files = network_files(network, units=units, toml=path.name, folder=path.parent, heading=heading)
     write_files(path.parent, files)
 
 
@@ -175,6 +224,7 @@ def network_files(
     units: Units | None = None,
     toml: str = "project.toml",
     folder: Path | None = None,
+    heading: Iterable[str] = (),
 ) -> dict[str, str]:
     """Return the project files of a network: texts by file name.
 
@@ -183,6 +233,7 @@ def network_files(
         units: units of the files; metres, gon and degrees by default.
         toml: name of the TOML file.
         folder: where the files will be; a geoid there is named without its folder.
+        heading: lines of a comment at the beginning of the TOML file.
 
     Raises:
         InputError: a name or a unit cannot be written to a file.
@@ -190,11 +241,13 @@ def network_files(
     units = units or Units()
     check_names(network)
     files: dict[str, str] = {}
+    observations = list(_observations(network, units))
+    sigmas = _common_sigmas(network, observations)
     for name, columns, rows in (
         ("points", POINT_COLUMNS, (point_record(p, units) for p in network.points.values())),
         ("photos", PHOTO_COLUMNS, (photo_record(f, units) for f in network.photos.values())),
         ("images", IMAGE_COLUMNS, _images(network)),
-        ("observations", observation_columns(), _observations(network, units)),
+        ("observations", observation_columns(), iter(observations)),
         ("covariances", COVARIANCE_COLUMNS, _covariances(network)),
         ("doubts", DOUBT_COLUMNS, _doubts(network)),
         *(
@@ -205,8 +258,36 @@ def network_files(
         found = list(rows)
         if found or name == "points":
             files[f"{name}.csv"] = write_table(columns, found)
-    files[toml] = "\n".join(project_toml_lines(network, units, list(files), folder)) + "\n"
+    lines = project_toml_lines(network, units, list(files), folder, sigmas=sigmas, heading=heading)
+    files[toml] = "\n".join(lines) + "\n"
     return files
+
+
+def _common_sigmas(network: Network, rows: list[dict[str, str]]) -> Sigmas:
+    """Return the σ that most rows of a kind share, and take it from these rows.
+
+    A kind of which any row states no σ of its own, as members of a joint covariance, keeps all: a
+    row without one would have the common one.
+    """
+    joint = {ident for ids, _ in network.clusters for ident in ids}
+    of_kind: dict[str, list[dict[str, str]]] = {}
+    for row in rows:
+        of_kind.setdefault(row["kind"], []).append(row)
+    out: Sigmas = {}
+    for kind, own in of_kind.items():
+        names = {*sigma_fields(kind), *combine_fields(kind)}
+        stated = [tuple((n, v) for n, v in row.items() if v and n in names) for row in own]
+        if not all(stated) or any(row["id"] in joint for row in own):
+            continue
+        common, count = Counter(stated).most_common(1)[0]
+        matrix = any(name.startswith("covariance") for name, _ in common)
+        if 1 < count >= MIN_COMMON_SHARE * len(own) and not matrix:
+            out[kind] = dict(common)
+            for row, found in zip(own, stated, strict=True):
+                if found == common:
+                    for name, _ in common:
+                        del row[name]
+    return out
 
 
 def check_names(network: Network) -> None:

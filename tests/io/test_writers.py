@@ -5,9 +5,11 @@ from __future__ import annotations
 import errno
 import os
 import re
+import tomllib
 from pathlib import Path
 from unittest.mock import patch
 
+import numpy as np
 import pytest
 
 import factorgraph_adj as fga
@@ -15,6 +17,7 @@ from factorgraph_adj.errors import InputError
 from factorgraph_adj.report.adjustment_report import Report
 from factorgraph_adj.report.result_files import write_tables
 from tests.networks.epochs import epoch
+from tests.support.same import assert_same_network
 
 PACKAGE = Path(fga.__file__).parent
 OWN_WAYS = {
@@ -87,3 +90,24 @@ def test_a_function_that_cannot_write_its_last_file_leaves_all_old_ones(name, so
     write(second, folder)
     after = {p.name: p.read_bytes() for p in folder.iterdir()}
     assert after != before
+
+
+def test_the_standard_deviation_of_most_rows_of_a_kind_is_stated_once(tmp_path):
+    """Rows of a joint covariance have none of their own, and must not get the common one."""
+    network = fga.Network("a", datum="free")
+    for i in range(6):
+        network.add_point(f"P{i}", (10.0 * i, float(i % 2), 0.0))
+    for i in range(4):
+        network.add(
+            fga.SlopeDistance("P0", f"P{i + 1}", 10.0 * (i + 1), sigma=0.001 * (1 + i // 3))
+        )
+        network.add(fga.HeightDifference("P0", f"P{i + 1}", 0.1 * i, sigma=0.002 + 0.001 * i))
+    joint = [
+        fga.HorizontalDistance("P0", "P5", 50.0, sigma=0.004, id="a"),
+        fga.HorizontalDistance("P1", "P5", 40.0, sigma=0.004, id="b"),
+    ]
+    network.add(fga.Correlated(joint, np.array([[16e-6, 4e-6], [4e-6, 16e-6]])))
+    fga.write_project(network, tmp_path)
+    document = tomllib.loads((tmp_path / "project.toml").read_text(encoding="utf-8"))
+    assert document["sigma"] == {"slope_distance": {"sigma_mm": 1.0}}
+    assert_same_network(fga.read(tmp_path), network)
