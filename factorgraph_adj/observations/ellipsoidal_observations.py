@@ -9,11 +9,12 @@ observation has for each of its ends, the foot of a point on the surface is F = 
 | --- | --- |
 | chord | length of F_j − F_i, c |
 | arc | 2 r asin(c/2r), r = M ν/(ν cos²α + M sin²α) + ½ (N_i + N_j) |
+| chord at the mean height | c with N_i = N_j = ½ (h_i + t_i + h_j + t_j), see below |
 | geodetic azimuth | α of the sight in the horizon of the ellipsoid |
 | height | h − N |
 | height difference | (h_j − N_j) − (h_i − N_i) |
 
-The radius r (Euler) belongs to the mean latitude and the azimuth of the chord: the arc is that of
+t are the heights of instrument and target. The radius r (Euler) belongs to the mean latitude and the azimuth of the chord: the arc is that of
 the geodesic within 0.1 mm in 100 km. Deflections of the vertical have no effect on any of them.
 In a local frame h is its height, and the arc that on a sphere of its radius where it has curvature.
 """
@@ -77,6 +78,21 @@ class EllipsoidDistance(Observation):
         super()._check()
         if self.line not in (ARC, CHORD):
             self._fail(f"line must be arc or chord, not {self.line!r}")
+
+
+@dataclass(frozen=True)
+class MeanHeightDistance(Sight):
+    """Chord of two points at the mean height of instrument and target, metres.
+
+    (1 + m) c + zero of the distance meter. A `HorizontalDistance` lies in the horizon of its
+    station, at the height of the target: for a rise of Δh it is longer by Δh c/2R.
+    """
+
+    kind: ClassVar[str] = "mean_height_distance"
+    nonnegative: ClassVar[bool] = True
+    _: KW_ONLY
+    instrument: str | None = None
+    """Name of the distance meter, which has m and the zero constant; None: both are 0."""
 
 
 @dataclass(frozen=True)
@@ -201,6 +217,34 @@ def ellipsoid_distance(
     return Linearised(v, (-gradient @ by_station, gradient @ by_target, by_edm))
 
 
+def mean_height_distance(
+    frame: Frame,
+    station: Array,
+    target: Array,
+    edm: Array,
+    *,
+    observed: Array,
+    instrument_height: Array,
+    target_height: Array,
+) -> Linearised:
+    """Compute (1 + m) c + zero − observed, metres, at the height ½ (h_i + t_i + h_j + t_j)."""
+    (h_i, up_i), (h_j, up_j) = heights(frame, station), heights(frame, target)
+    level = 0.5 * (h_i + instrument_height + h_j + target_height)
+    (start, by_station), (end, by_target) = foot(frame, station, level), foot(frame, target, level)
+    d = end - start
+    chord = np.sqrt(np.sum(d * d, axis=1))
+    require(chord > _SHORTEST, NO_LENGTH)
+    e = d / chord[:, None]
+    # ∂F/∂N = u, and N moves with half of the height of either end.
+    raised = 0.5 * np.sum(e * (up_j - up_i), axis=1)[:, None]
+    by_i = raised * up_i - np.einsum("nk,nkl->nl", e, by_station)
+    by_j = raised * up_j + np.einsum("nk,nkl->nl", e, by_target)
+    scale = 1.0 + edm[:, :1]
+    v = scale * chord[:, None] + edm[:, 1:2] - observed
+    by_edm = np.stack([chord, np.ones_like(chord)], 1)[:, None, :]
+    return Linearised(v, ((scale * by_i)[:, None, :], (scale * by_j)[:, None, :], by_edm))
+
+
 def geodetic_azimuth(
     frame: Frame,
     station: Array,
@@ -267,6 +311,14 @@ KINDS_IN_MODULE = (
         weight=LENGTHS,
         choices=("line",),
         titles={"de": "Strecke am Ellipsoid"},
+    ),
+    ObservationKind(
+        MeanHeightDistance,
+        (("point", "station"), ("point", "target"), ("edm", "instrument")),
+        mean_height_distance,
+        _HEIGHTS,
+        weight=LENGTHS,
+        titles={"de": "Strecke in mittlerer Höhe"},
     ),
     ObservationKind(
         GeodeticAzimuth,

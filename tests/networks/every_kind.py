@@ -89,6 +89,7 @@ EXAMPLES: dict[str, Example] = {
             o.EllipsoidDistance("i", "k", 1.0, sigma=0.01, line="chord", station_surface=-7.0),
         ]
     ),
+    "mean_height_distance": Example(lambda: [o.MeanHeightDistance("i", "k", 1.0, **SIGHT)]),
     "geodetic_azimuth": Example(lambda: [o.GeodeticAzimuth("i", "j", 0.0, **SIGHT)]),
     "ellipsoid_height": Example(lambda: [o.EllipsoidHeight("j", 0.0, sigma=0.01, surface=31.0)]),
     "ellipsoid_height_difference": Example(

@@ -9,6 +9,7 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.frames import GeocentricFrame, LocalFrame, TopocentricFrame
+from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.observations.ellipsoidal_observations import (
     ellipsoid_distance,
     ellipsoid_height_difference,
@@ -116,6 +117,45 @@ def test_a_trilaterated_point_on_the_ellipsoid() -> None:
         )
     network.add(fga.EllipsoidHeight("P", 308.0, sigma=0.01, surface=13.0))
     assert fga.adjust(network).point("P") == pytest.approx(true, abs=1e-6)
+
+
+def mean_height(a: Array, b: Array, heights: tuple[float, float] = (0.0, 0.0)) -> float:
+    network = fga.Network(frame=FRAME)
+    network.add_point("A", a[0])
+    network.add_point("B", b[0])
+    network.set_distance_meter("tape", scale=1e-4, zero=0.5)
+    for meter in (None, "tape"):
+        network.add(
+            fga.MeanHeightDistance(
+                *("A", "B", 1.0),
+                sigma=0.01,
+                instrument=meter,
+                instrument_height=heights[0],
+                target_height=heights[1],
+            )
+        )
+    equations = compile_network(network)
+    (block,) = equations.blocks
+    plain, metered = (block.evaluate(FRAME, equations.unknowns.start())[0] + 1.0).ravel()
+    assert metered == pytest.approx(1.0001 * plain + 0.5, abs=1e-9)
+    return float(plain)
+
+
+def test_a_distance_at_the_mean_height_does_not_depend_on_which_end_is_high() -> None:
+    """1 km with a rise of 200 m: the chord of both places at 200 m."""
+    low, high = place(-41.0, 173.0, 100.0), place(-41.0, 173.0119, 300.0)
+    level = place(-41.0, 173.0, 200.0), place(-41.0, 173.0119, 200.0)
+    chord = float(np.linalg.norm(level[1] - level[0]))
+    assert mean_height(low, high) == pytest.approx(chord, abs=1e-8)
+    assert mean_height(high, low) == pytest.approx(chord, abs=1e-8)
+
+
+def test_heights_of_instrument_and_target_raise_the_mean_height() -> None:
+    """4 m of both are 2 m of the mean height: c · 2 m/R, R the radius of an arc to the east."""
+    low, high = place(-41.0, 173.0, 100.0), place(-41.0, 173.0119, 300.0)
+    chord, raised = mean_height(low, high), mean_height(low, high, (1.5, 2.5))
+    radius = float(FRAME.ellipsoid.radii(np.radians(-41.0))[1]) + 200.0
+    assert raised - chord == pytest.approx(2.0 * chord / radius, abs=1e-7)
 
 
 def test_lines_are_arcs_or_chords() -> None:
