@@ -14,9 +14,10 @@ observation has for each of its ends, the foot of a point on the surface is F = 
 | height | h − N |
 | height difference | (h_j − N_j) − (h_i − N_i) |
 
-t are the heights of instrument and target. The radius r (Euler) belongs to the mean latitude and the azimuth of the chord: the arc is that of
-the geodesic within 0.1 mm in 100 km. Deflections of the vertical have no effect on any of them.
-In a local frame h is its height, and the arc that on a sphere of its radius where it has curvature.
+t are the heights of instrument and target. The radius r (Euler) belongs to the mean latitude and
+the azimuth of the chord: the arc is that of the geodesic within 0.1 mm in 100 km. Deflections of
+the vertical have no effect on any of them. In a local frame h is its height, and the arc that on a
+sphere of its radius where it has curvature.
 """
 
 from __future__ import annotations

@@ -1,0 +1,430 @@
+"""Command file of SNAP (``.snp``): files, includes, mode, stations, parameters, selections.
+
+Format: LINZ, SNAP help, "Alphabetical list of commands", and ``control.c`` of the program (BSD-3).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+from ..source import LeftOutReason, Problems, TextSource, is_unread
+from .snap_coordinates import SnapStations, read_coordinate_file
+from .snap_data import SnapSet, read_data_file
+from .snap_lines import found_file, records, words_of
+from .snap_parameters import DEFAULT_REFRACTION, JobParameters
+from .snap_recoding import Recodings
+from .snap_selections import JobLine, ObservationTest, observation_test
+
+Mode: TypeAlias = Literal["adjustment", "data_check", "free", "design"]
+MODES: dict[str, Mode] = {
+    "adjustment": "adjustment",
+    "data_check": "data_check",
+    "free_net_adjustment": "free",
+    "data_consistency": "free",
+    "network_analysis": "design",
+    "preanalysis": "design",
+}
+DIMENSIONS = {"3d": "3d", "2d": "2d", "horizontal": "2d", "1d": "1d", "vertical": "1d"}
+INCLUDED_DEPTH = 20
+"""Largest number of files that include one another; more are a circle."""
+LISTING = (
+    *("list", "print", "output", "output_csv", "output_coordinate_file", "output_precision"),
+    *("add_residual_column", "define_residual_format", "coordinate_precision", "plot"),
+    *("station_code_width", "sort_observations", "summarize_errors_by", "summarise_errors_by"),
+    *("summarize_residuals_by", "summarise_residuals_by", "number_of_worst_residuals"),
+    *("flag_significance", "redundancy_flag_level", "mde_power", "file_location_frequency"),
+    *("specification", "test_specification", "spec_test_options", "error_type"),
+)
+"""Commands of the listing."""
+ITERATION = (
+    *("convergence_tolerance", "max_iterations", "min_iterations", "max_adjustment"),
+    *("reorder_stations", "magic_number", "use_zero_inverse", "topocentre"),
+)
+"""Commands of the computation, which the reader or the adjustment settles itself."""
+OF_LISTING = LeftOutReason("commands of the listing", "they have no effect on the network")
+OF_COMPUTATION = LeftOutReason(
+    "commands of the computation", "the adjustment settles iterations, order and middle itself"
+)
+REFUSED = {
+    "deformation": "the deformation model {0} is not read: state coordinates and observations of "
+    "one epoch",
+    "geoid": "the geoid {0} is a grid of SNAP that is not read: write geoid heights and deflections "
+    "into the coordinate file, as snapgeoid does",
+    "station_offset_file": "offsets of stations in time ({0}) have no counterpart",
+    "systematic_error": "parameters of systematic errors ({0}) have no counterpart",
+    "set_observation_option": "the option {0} has no counterpart",
+    "gps_vertical": "one vertical for the errors of all vectors ({0}) is not read: leave it out, "
+    "and each has its own",
+    "gps_antenna_height": "heights of antennas by criteria ({0}) are not read: state them in the "
+    "data files",
+    "reference_frame_scale_error": "a scale of the frame of the network ({0}) has no counterpart: "
+    "state a scale of distances and of reference frames",
+}
+"""Commands that are refused, with the reason."""
+HARMLESS = {"deformation": "none", "gps_vertical": "individual"}
+"""Words with which a refused command changes nothing."""
+StationCommand: TypeAlias = Literal["fix", "free", "float", "reject", "ignore", "accept"]
+STATION_COMMANDS: tuple[StationCommand, ...] = (
+    *("fix", "free", "float"),
+    *("reject", "ignore", "accept"),
+)
+OBSERVATION_COMMANDS = ("reject_observations", "ignore_observations", "reweight_observations")
+
+
+@dataclass(frozen=True)
+class StationStatement:
+    """A command that concerns stations, with the errors of floated ones in force there."""
+
+    command: StationCommand
+    at: JobLine
+    horizontal: float
+    vertical: float
+
+
+@dataclass(frozen=True)
+class ObservationStatement:
+    """A command that concerns observations."""
+
+    command: str
+    test: ObservationTest
+    factor: float = 1.0
+    by_set: bool = False
+
+
+@dataclass(frozen=True)
+class DataFile:
+    """An observation file of a job."""
+
+    name: str
+    """Its name in the job."""
+    sets: tuple[SnapSet, ...]
+    """What it has."""
+    factor: float
+    """Factor of its standard errors."""
+    recodings: Recodings | None
+    """Codes of its own."""
+
+
+@dataclass
+class SnapJob:
+    """What the command file of a job states."""
+
+    source: TextSource
+    """The command file, with the problems of all files."""
+    title: str = ""
+    stations: SnapStations | None = None
+    files: list[DataFile] = field(default_factory=list)
+    mode: Mode = "adjustment"
+    dimension: str = "3d"
+    station_statements: list[StationStatement] = field(default_factory=list)
+    observation_statements: list[ObservationStatement] = field(default_factory=list)
+    parameters: JobParameters = field(default_factory=JobParameters)
+    recodings: Recodings = field(default_factory=Recodings)
+    ignore_all_missing: bool = False
+    """Whether observations of unknown stations are left out."""
+    ignored_codes: set[str] = field(default_factory=set)
+    """Codes, in capital letters, of stations that may be unknown."""
+    ratios: bool = True
+    """Whether distance ratios have an unknown scale."""
+    use_datum: bool = True
+    """Whether projections of bearings must have the datum of the stations."""
+
+
+class _JobReader:
+    """Reads command files."""
+
+    def __init__(self, source: TextSource) -> None:
+        """Start with the command file."""
+        self.job = SnapJob(source)
+        self.problems = source.problems
+        self.horizontal, self.vertical = 1.0, 1.0
+        self.default_refraction = DEFAULT_REFRACTION
+        self.waiting: list[tuple[str, JobLine, Callable[[SnapStations], None]]] = []
+        self.by_name: dict[str, Callable[[JobLine], None]] = {
+            "title": self._title,
+            "coordinate_file": self._coordinates,
+            "add_coordinate_file": self._more_coordinates,
+            "data_file": self._data,
+            "include": self._include,
+            "configuration": self._include,
+            "mode": self._mode,
+            "horizontal_float_error": self._horizontal,
+            "vertical_float_error": self._vertical,
+            "refraction_coefficient": lambda at: self.job.parameters.refraction.state(
+                at, self.default_refraction
+            ),
+            "default_refraction_coefficient": self._default_refraction,
+            "distance_scale_error": lambda at: self.job.parameters.distance_scale.state(at, 0.0),
+            "bearing_orientation_error": lambda at: self.job.parameters.bearing_error.state(
+                at, 0.0
+            ),
+            "reference_frame": self.job.parameters.state_frame,
+            "classification": self._classification,
+            "recode": self._recode,
+            "ignore_missing_stations": self._missing,
+            "use_distance_ratios": self._ratios,
+            "proj_bearing_use_datum": self._use_datum,
+            **{name: self._station_command(name) for name in STATION_COMMANDS},
+            **{name: self._observation_command(name) for name in OBSERVATION_COMMANDS},
+        }
+        self.depth = 0
+
+    def read(self, source: TextSource) -> None:
+        """Read a command file; what is wrong is noted."""
+        for line, text in records(source):
+            words = words_of(text)
+            name = words.pop(0).lower()
+            at = JobLine(source, line, tuple(words))
+            if name in LISTING or name in ITERATION:
+                source.leave_out(line, OF_LISTING if name in LISTING else OF_COMPUTATION, name)
+            elif name in REFUSED:
+                if not words or words[0].lower() != HARMLESS.get(name):
+                    stated = " ".join(words)[:40] or "no name"
+                    source.wrong(line, f"{name}: {REFUSED[name].format(stated)}")
+            else:
+                act = source.field(line, name, "command").choice(self.by_name)
+                if act is not None:
+                    act(at)
+
+    def finish(self) -> SnapJob:
+        """Return the job, after what needs all files is read."""
+        if self.job.stations is None:
+            if not self.problems.count:
+                self.job.source.wrong(0, "needs coordinate_file, the file of its stations")
+            return self.job
+        for _, _, act in self.waiting:
+            act(self.job.stations)
+        return self.job
+
+    # -- files ------------------------------------------------------------------------------------
+
+    def _file(self, at: JobLine, suffix: str, what: str) -> Path | None:
+        """Return the file of the first word."""
+        if not at.words:
+            at.wrong(f"{what} needs the name of a file")
+            return None
+        found = found_file(at.folder, at.words[0], suffix)
+        if found is None:
+            at.wrong(f"the {what} {at.words[0]!r} is not there; names count from {at.folder.name}/")
+        return found
+
+    def _title(self, at: JobLine) -> None:
+        self.job.title = " ".join(at.words)
+
+    def _coordinates(self, at: JobLine) -> None:
+        if len(at.words) > 1:
+            at.wrong(
+                f"coordinate_file as {' '.join(at.words[1:])[:40]!r} is not read; valid: the "
+                "coordinate file of SNAP (.crd)"
+            )
+            return
+        path = self._file(at, ".crd", "coordinate file")
+        found = None if path is None else read_coordinate_file(path, self.problems)
+        if found is None:
+            return
+        if self.job.stations is None:
+            self.job.stations = found
+        else:
+            self._join(at, found, "stations")
+
+    def _more_coordinates(self, at: JobLine) -> None:
+        words = list(at.words)
+        if "from" not in [w.lower() for w in words]:
+            at.wrong("add_coordinate_file needs what it adds, 'from' and the name of a file")
+            return
+        where = [w.lower() for w in words].index("from")
+        kinds, rest = [w.lower() for w in words[:where]], words[where + 1 :]
+        valid = {k: k for k in ("stations", "coordinates", "classes", "existing_classes")}
+        for kind in kinds:
+            at.source.field(at.line, kind, "what add_coordinate_file adds").choice(valid)
+        if len(rest) != 1:
+            at.wrong("add_coordinate_file: valid is one coordinate file of SNAP (.crd)")
+            return
+        path = self._file(replace(at, words=tuple(rest)), ".crd", "coordinate file")
+        found = None if path is None else read_coordinate_file(path, self.problems)
+        if found is None:
+            return
+        if self.job.stations is None:
+            at.wrong("add_coordinate_file comes after coordinate_file")
+            return
+        for kind in kinds:
+            self._join(at, found, kind)
+
+    def _join(self, at: JobLine, more: SnapStations, what: str) -> None:
+        """Add stations of a further file, or change what is there."""
+        stations = self.job.stations
+        assert stations is not None
+        if more.system.datum != stations.system.datum:
+            at.wrong(
+                f"coordinates in {more.system.code} and in {stations.system.code}: no "
+                "transformation between datums is read"
+            )
+            return
+        for code, station in more.by_code.items():
+            own = stations.by_code.get(code)
+            if own is None:
+                if what == "stations":
+                    stations.by_code[code] = station
+            elif what == "coordinates":
+                stations.by_code[code] = replace(station, classes=own.classes, name=own.name)
+            elif what.endswith("classes"):
+                known = dict(own.classes)
+                changed = {
+                    k: v for k, v in station.classes if k in known or what != "existing_classes"
+                }
+                stations.by_code[code] = replace(own, classes=tuple((known | changed).items()))
+
+    def _data(self, at: JobLine) -> None:
+        path = self._file(at, ".dat", "data file")
+        words = list(at.words[1:])
+        factor, own = 1.0, None
+        while words:
+            word = words.pop(0)
+            low = word.lower()
+            if low == "error_factor":
+                text = words.pop(0) if words else None
+                factor = at.source.field(at.line, text, "error_factor").number(above=0.0)
+            elif low == "recode" and words:
+                own = Recodings()
+                own.read_file(at, words.pop(0))
+            else:
+                at.wrong(
+                    f"data_file as {word[:40]!r} is not read; valid: the observation file of SNAP "
+                    "(.dat), error_factor, recode"
+                )
+                return
+        if path is not None and not is_unread(factor):
+            sets = tuple(read_data_file(path, self.problems))
+            self.job.files.append(DataFile(at.words[0], sets, factor, own))
+
+    def _include(self, at: JobLine) -> None:
+        path = self._file(at, ".inc", "included file")
+        if path is None:
+            return
+        if self.depth >= INCLUDED_DEPTH:
+            at.wrong(f"more than {INCLUDED_DEPTH} files include one another: {at.words[0]!r}")
+            return
+        self.depth += 1
+        self.read(TextSource(path, self.problems, code_page="cp1252"))
+        self.depth -= 1
+
+    # -- statements -------------------------------------------------------------------------------
+
+    def _mode(self, at: JobLine) -> None:
+        if not at.words:
+            at.wrong(f"mode needs some of {', '.join((*DIMENSIONS, *MODES))}")
+        for word in at.words:
+            low = word.lower()
+            if low in DIMENSIONS:
+                self.job.dimension = DIMENSIONS[low]
+            else:
+                found = at.source.field(at.line, low, "mode").choice(MODES)
+                self.job.mode = found or self.job.mode
+
+    def _sigma(self, at: JobLine) -> float:
+        text = " ".join(at.words)
+        return at.source.field(at.line, text, "error of floated stations").sigma()
+
+    def _horizontal(self, at: JobLine) -> None:
+        self.horizontal = self._sigma(at)
+
+    def _vertical(self, at: JobLine) -> None:
+        self.vertical = self._sigma(at)
+
+    def _default_refraction(self, at: JobLine) -> None:
+        text = " ".join(at.words)
+        value = at.source.field(at.line, text, "default_refraction_coefficient").number()
+        self.default_refraction = self.job.parameters.refraction.default = value
+
+    def _station_command(self, name: StationCommand) -> Callable[[JobLine], None]:
+        def take(at: JobLine) -> None:
+            self.job.station_statements.append(
+                StationStatement(name, at, self.horizontal, self.vertical)
+            )
+
+        return take
+
+    def _observation_command(self, name: str) -> Callable[[JobLine], None]:
+        def take(at: JobLine) -> None:
+            words, factor, by_set = list(at.words), 1.0, False
+            if name == "reweight_observations":
+                if words and words[0].lower() in ("offset_error", "centroid_error"):
+                    at.wrong(f"{words[0]} of observations has no counterpart: state a factor")
+                    return
+                by_set = bool(words) and words[0].lower() == "by_set"
+                words = words[1:] if by_set else words
+                text = words.pop(0) if words else None
+                factor = at.source.field(at.line, text, "factor of errors").number(above=0.0)
+            self._add_observation_statement(at, name, words, factor, by_set)
+
+        return take
+
+    def _add_observation_statement(
+        self, at: JobLine, name: str, words: Sequence[str], factor: float, by_set: bool
+    ) -> None:
+        files = [f.name for f in self.job.files]
+
+        def act(stations: SnapStations) -> None:
+            test = observation_test(at, words, stations, files)
+            self.job.observation_statements.append(
+                ObservationStatement(name, test, factor, by_set)
+            )
+
+        self.waiting.append((name, at, act))
+
+    def _classification(self, at: JobLine) -> None:
+        """Take ``classification TYPE [ignore] [reject] NAME [error_factor VALUE]``."""
+        words = list(at.words)
+        class_name = words.pop(0) if words else ""
+        actions = []
+        while words and words[0].lower() in ("ignore", "reject"):
+            actions.append(f"{words.pop(0).lower()}_observations")
+        if not class_name or not words:
+            at.wrong("classification needs a classification, ignore or reject, and a value")
+            return
+        criterion = [f"{class_name}={words.pop(0)}"]
+        for name in actions:
+            self._add_observation_statement(at, name, criterion, 1.0, False)
+        if words and words[0].lower() == "error_factor":
+            text = words[1] if len(words) > 1 else None
+            factor = at.source.field(at.line, text, "error_factor").number(above=0.0)
+            self._add_observation_statement(at, "reweight_observations", criterion, factor, False)
+            words = words[2:]
+        if words:
+            at.wrong(f"classification: {words[0][:40]!r} is unknown; valid: error_factor")
+
+    def _recode(self, at: JobLine) -> None:
+        self.job.recodings.state(at, self.waiting)
+
+    def _missing(self, at: JobLine) -> None:
+        codes = []
+        stated = False
+        for word in at.words:
+            low = word.lower()
+            if low in ("yes", "no"):
+                self.job.ignore_all_missing = low == "yes"
+                stated = True
+            elif not low.startswith("report_"):
+                codes.append(word.upper())
+        self.job.ignored_codes |= set(codes)
+        if not codes and not stated:
+            self.job.ignore_all_missing = True
+
+    def _ratios(self, at: JobLine) -> None:
+        text = " ".join(at.words)
+        self.job.ratios = at.source.field(at.line, text, "use_distance_ratios").flag()
+
+    def _use_datum(self, at: JobLine) -> None:
+        text = " ".join(at.words)
+        self.job.use_datum = at.source.field(at.line, text, "proj_bearing_use_datum").flag()
+
+
+def read_job(path: Path, problems: Problems) -> SnapJob:
+    """Return what a command file and all its files state; what is wrong is noted."""
+    source = TextSource(path, problems, code_page="cp1252")
+    reader = _JobReader(source)
+    reader.read(source)
+    return reader.finish()

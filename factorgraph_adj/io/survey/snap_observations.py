@@ -1,0 +1,387 @@
+"""Readings of SNAP as observations of a network; what of its definitions is not the project's.
+
+Source of the definitions: LINZ, SNAP help, "Observation types", and ``netcalcs.c``, ``obsdata.c``,
+``coefs.c`` of the program (BSD-3).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ...errors import InputError
+from ...frames import MEAN_EARTH_RADIUS, GeocentricFrame
+from ...network.network import Network
+from ...observations import (
+    AstronomicLatitude,
+    AstronomicLongitude,
+    Correlated,
+    Direction,
+    GnssPosition,
+    GnssVector,
+    GyroAzimuth,
+    Observation,
+    SlopeDistance,
+    ZenithAngle,
+)
+from ...observations.correlated_observations import AnyObservation
+from ...observations.ellipsoidal_observations import (
+    EllipsoidDistance,
+    EllipsoidHeight,
+    EllipsoidHeightDifference,
+    GeodeticAzimuth,
+    MeanHeightDistance,
+)
+from ...types import Array
+from ...units import ARCSEC
+from ..source import is_unread
+from .snap_coordinates import SnapStation, SnapStations
+from .snap_data import SnapReading, SnapSet
+from .snap_data_commands import POINT_KINDS, VECTOR_KINDS
+from .snap_errors import chosen_covariance, scalar_sigma, vector_covariance
+from .snap_lines import decimal_year
+from .snap_parameters import (
+    DEFAULT_CODE,
+    GNSS_CODE,
+    PPM,
+    JobParameters,
+    ReferenceFrame,
+    frame_matrix,
+    frame_shift,
+)
+from .snap_systems import SNAP_SYSTEMS, SystemCode, read_system
+
+BOMFORD = 2.0
+"""κ of Gauss over k of Bomford: the ray is bent by k S/R = κ S/2R."""
+
+
+def azimuth_of(place: Array, other: Array, enu: Array) -> tuple[float, float]:
+    """Return azimuth and zenith angle (rad) of a place (3,) from another one with a horizon."""
+    east, north, up = enu @ (np.asarray(other) - np.asarray(place))
+    return math.atan2(east, north), math.atan2(math.hypot(east, north), up)
+
+
+def refraction_radius(readings: Sequence[SnapReading], stations: SnapStations) -> float:
+    """Return one radius for the refraction of all zenith distances, metres.
+
+    SNAP bends a ray by k times the angle between the normals of its ends, Euler's radius in its
+    azimuth; the frame of a network has one radius. It is the mean of these, weighted by S².
+    """
+    total = weights = 0.0
+    for r in readings:
+        ends = stations.find(r.station), stations.find(r.target)
+        if r.kind != "ZD" or ends[0] is None or ends[1] is None:
+            continue
+        a, b = (np.array(s.xyz) for s in ends if s is not None)
+        enu = stations.enu(r.station)
+        level = float(np.hypot(*(enu[:2] @ (b - a))))
+        angle = float(np.linalg.norm(stations.up(r.target) - enu[2]))
+        total, weights = total + level * level, weights + level * angle
+    return total / weights if weights > 0 else MEAN_EARTH_RADIUS
+
+
+class SnapObservations:
+    """Makes observations of readings."""
+
+    def __init__(
+        self, network: Network, stations: SnapStations, parameters: JobParameters, ratios: bool
+    ) -> None:
+        """Take a network that has the points and its verticals."""
+        self.network = network
+        self.stations = stations
+        self.parameters = parameters
+        self.ratios = ratios
+        self.sets: dict[str, int] = {}
+        self.ratio_sets = 0
+        self.projections: dict[str, SystemCode | None] = {}
+        self.use_datum = True
+        self.middle: Array | None = None
+        self.made: dict[str, Callable[..., Observation | None]] = {
+            "SD": self._slope,
+            "DR": self._slope,
+            "HD": self._mean_height,
+            "ED": self._on_surface,
+            "MD": self._on_surface,
+            "AZ": self._bearing,
+            "PB": self._bearing,
+            "ZD": self._zenith,
+            "LV": self._levelled,
+            "LT": self._latitude,
+            "LN": self._longitude,
+            "OH": self._height,
+            "EH": self._height,
+        }
+
+    def add(self, found: SnapSet, kept: Sequence[int]) -> None:
+        """Add the readings of a set that take part, by their places in it."""
+        if not kept:
+            return
+        if found.kind in VECTOR_KINDS:
+            self._add_vectors(found, list(kept))
+            return
+        more: dict[str, str] = {}
+        if found.kind == "HA":
+            station = found.readings[0].station.upper()
+            self.sets[station] = self.sets.get(station, 0) + 1
+            more["set"] = str(self.sets[station])
+        elif found.kind == "DR" and self.ratios:
+            self.ratio_sets += 1
+            more["instrument"] = f"ratios {self.ratio_sets}"
+            self.network.set_distance_meter(more["instrument"], free=["scale"])
+        for i in kept:
+            reading = found.readings[i]
+            sigma = scalar_sigma(reading, found, self.stations)
+            if is_unread(sigma):
+                continue
+            options = {"sigma": sigma, "source": found.source.place(reading.line), **more}
+            make = self._direction if found.kind == "HA" else self.made[found.kind]
+            made = found.source.attempt(reading.line, make, reading, found, **options)
+            if made is not None:
+                found.source.attempt(reading.line, self.network.add, made)
+
+    # -- parts ------------------------------------------------------------------------------------
+
+    def _station(self, code: str) -> SnapStation:
+        station = self.stations.find(code)
+        assert station is not None  # the reader looked for it
+        return station
+
+    def _ends(self, reading: SnapReading) -> tuple[SnapStation, SnapStation]:
+        return self._station(reading.station), self._station(reading.target)
+
+    @staticmethod
+    def _heights(reading: SnapReading) -> dict[str, float]:
+        return {
+            "instrument_height": reading.instrument_height,
+            "target_height": reading.target_height,
+        }
+
+    def _meter(self, reading: SnapReading) -> dict[str, str]:
+        """Return the distance meter of a reading, if it has a scale."""
+        scales = self.parameters.distance_scale
+        code = reading.classes.get(scales.class_name)
+        if code is None:
+            return {}
+        name = scales.code(code)
+        value = scales.of(name)
+        if not value.calculated and value.value == 0.0:
+            return {}
+        if name not in self.network.of_kind("edm"):
+            free = ["scale"] if value.calculated else []
+            self.network.set_distance_meter(name, scale=PPM * value.value, free=free)  # type: ignore[arg-type]
+        return {"instrument": name}
+
+    # -- kinds ------------------------------------------------------------------------------------
+
+    def _direction(self, r: SnapReading, found: SnapSet, **more: Any) -> Observation:
+        a, b = self._ends(r)
+        return Direction(a.code, b.code, r.values[0], **self._heights(r), **more)
+
+    def _slope(self, r: SnapReading, found: SnapSet, **more: Any) -> Observation:
+        a, b = self._ends(r)
+        meter = {} if "instrument" in more else self._meter(r)
+        return SlopeDistance(a.code, b.code, r.values[0], **self._heights(r), **meter, **more)
+
+    def _mean_height(self, r: SnapReading, found: SnapSet, **more: Any) -> Observation:
+        a, b = self._ends(r)
+        given = {**self._heights(r), **self._meter(r), **more}
+        return MeanHeightDistance(a.code, b.code, r.values[0], **given)
+
+    def _on_surface(self, r: SnapReading, found: SnapSet, **more: Any) -> Observation:
+        a, b = self._ends(r)
+        # Sea level is for SNAP the mean of both undulations.
+        level = 0.5 * (a.undulation + b.undulation) if r.kind == "MD" else 0.0
+        surfaces = {"station_surface": level, "target_surface": level}
+        return EllipsoidDistance(a.code, b.code, r.values[0], **surfaces, **self._meter(r), **more)
+
+    def _bearing(self, r: SnapReading, found: SnapSet, **more: Any) -> Observation | None:
+        """Return an azimuth of the ellipsoid: of a bearing with the convergence at its stations."""
+        a, b = self._ends(r)
+        geodetic, zenith = azimuth_of(np.array(a.xyz), np.array(b.xyz), self.stations.enu(a.code))
+        value = r.values[0]
+        if r.kind == "PB":
+            system = self._projection(r, found)
+            if system is None:
+                return None
+            latitude, longitude, _ = self.stations.geodetic([a.code, b.code])
+            value += geodetic - system.system.grid_bearing(latitude, longitude)
+        errors = self.parameters.bearing_error
+        stated = r.classes.get(errors.class_name)
+        name = "" if stated is None else errors.code(stated)
+        error = errors.of(name) if name else None
+        if error is None or not error.calculated:
+            value -= 0.0 if error is None else ARCSEC * error.value
+            return GeodeticAzimuth(a.code, b.code, _turned(value), **self._heights(r), **more)
+        if name not in self.network.of_kind("gyro"):
+            self.network.set_gyro(name)
+        # The azimuth of a gyrotheodolite is astronomic: Laplace's correction leads there.
+        tilted = math.cos(zenith) / math.sin(zenith)
+        value += a.eta * math.tan(a.latitude)
+        value += (a.xi * math.sin(geodetic) - a.eta * math.cos(geodetic)) * tilted
+        return GyroAzimuth(a.code, b.code, _turned(value), gyro=name, **self._heights(r), **more)
+
+    def _projection(self, r: SnapReading, found: SnapSet) -> SystemCode | None:
+        """Return the projection of a bearing; None after a problem."""
+        code = r.projection
+        if code.upper() in self.projections:
+            return self.projections[code.upper()]
+        if not code:
+            found.source.wrong(r.line, "PB needs a projection; valid: #projection before")
+            return None
+        stated = read_system(found.source.field(r.line, code, "projection"))
+        if stated is not None and stated.system.form != "projection":
+            found.source.wrong(r.line, f"{code} is no projection; valid: such as NZTM, WELLTM2000")
+            stated = None
+        datum = self.stations.system.datum
+        if stated is not None and self.use_datum and stated.system.datum != datum:
+            found.source.wrong(
+                r.line,
+                f"the projection {code} is of {stated.system.datum}, and the stations are of "
+                f"{datum}; valid: one of {datum}, or the command proj_bearing_use_datum no",
+            )
+            stated = None
+        self.projections[code.upper()] = stated
+        return stated
+
+    def _zenith(self, r: SnapReading, found: SnapSet, **more: Any) -> Observation:
+        a, b = self._ends(r)
+        parameters = self.parameters.refraction
+        name = parameters.code(r.classes.get(parameters.class_name, DEFAULT_CODE))
+        if name not in self.network.of_kind("refraction"):
+            value = parameters.of(name)
+            kappa = BOMFORD * value.value
+            self.network.set_refraction(name, value=kappa, fixed=not value.calculated)
+        given = {**self._heights(r), "refraction": name, **more}
+        return ZenithAngle(a.code, b.code, r.values[0], **given)
+
+    def _levelled(self, r: SnapReading, found: SnapSet, **more: Any) -> Observation:
+        a, b = self._ends(r)
+        surfaces = {"station_surface": a.undulation, "target_surface": b.undulation}
+        return EllipsoidHeightDifference(
+            a.code, b.code, r.values[0], **self._heights(r), **surfaces, **more
+        )
+
+    def _latitude(self, r: SnapReading, found: SnapSet, **more: Any) -> Observation:
+        """Return an astronomic latitude: that of SNAP is geodetic, less by ξ."""
+        a = self._station(r.station)
+        return AstronomicLatitude(a.code, r.values[0] + a.xi, **more)
+
+    def _longitude(self, r: SnapReading, found: SnapSet, **more: Any) -> Observation:
+        """Return an astronomic longitude: that of SNAP is geodetic, less by η/cos φ."""
+        a = self._station(r.station)
+        return AstronomicLongitude(a.code, r.values[0] + a.eta / math.cos(a.latitude), **more)
+
+    def _height(self, r: SnapReading, found: SnapSet, **more: Any) -> Observation:
+        a = self._station(r.station)
+        surface = a.undulation if r.kind == "OH" else 0.0
+        return EllipsoidHeight(a.code, r.values[0] - r.instrument_height, surface=surface, **more)
+
+    # -- GNSS -------------------------------------------------------------------------------------
+
+    def _add_vectors(self, found: SnapSet, kept: list[int]) -> None:
+        everything = vector_covariance(found, self.stations)
+        covariance = None if everything is None else chosen_covariance(everything, found, kept)
+        if covariance is None:
+            return
+        members: list[Observation] = []
+        blocks: list[Array] = []
+        for i in kept:
+            r = found.readings[i]
+            turned = self._in_network(r, found)
+            if turned is None:
+                return
+            value, matrix = turned
+            blocks.append(matrix)
+            place = found.source.place(r.line)
+            own = slice(3 * len(members), 3 * len(members) + 3)
+            error = matrix @ covariance[own, own] @ matrix.T
+            made = found.source.attempt(
+                r.line, self._vector, r, value, covariance=error, source=place
+            )
+            if made is None:
+                return
+            members.append(made)
+        if len(members) == 1:
+            found.source.attempt(found.readings[kept[0]].line, self.network.add, members[0])
+            return
+        turn = np.zeros_like(covariance)
+        for i, matrix in enumerate(blocks):
+            turn[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] = matrix
+        joint: AnyObservation | None = found.source.attempt(
+            found.readings[kept[0]].line,
+            Correlated,
+            tuple(members),
+            turn @ covariance @ turn.T,
+        )
+        if joint is not None:
+            found.source.attempt(found.readings[kept[0]].line, self.network.add, joint)
+
+    def _vector(self, r: SnapReading, value: Array, **more: Any) -> Observation:
+        if r.kind == "GB":
+            a, b = self._ends(r)
+            return GnssVector(a.code, b.code, tuple(value.tolist()), **self._heights(r), **more)
+        a = self._station(r.target or r.station)
+        height = r.target_height if r.target else r.instrument_height
+        at = value - height * self.stations.up(a.code)
+        return GnssPosition(a.code, tuple(at.tolist()), **more)
+
+    def _in_network(self, r: SnapReading, found: SnapSet) -> tuple[Array, Array] | None:
+        """Return a vector or position in the frame of the network, and the matrix that leads there.
+
+        observed = T (X + t) of a position, T ΔX of a vector.
+        """
+        value = np.array(r.values)
+        code = r.classes.get(self.parameters.frame_class, GNSS_CODE)
+        frame = self.parameters.frames.get(code.upper())
+        if frame is None:
+            return value, np.eye(3)
+        if any(frame.calculated):
+            found.source.wrong(
+                r.line,
+                f"the reference frame {frame.code} with unknown parameters ({frame.place}) has no "
+                "counterpart: state their values",
+            )
+            return None
+        years = self._years(r, found, frame)
+        if is_unread(years):
+            return None
+        horizon = self._middle_horizon() if frame.topocentric else None
+        parameters = frame.at(years)
+        inverse = np.linalg.inv(frame_matrix(parameters, horizon))
+        moved = inverse @ value
+        if r.kind in POINT_KINDS:
+            moved = moved - frame_shift(parameters, horizon)
+        return moved, inverse
+
+    def _years(self, r: SnapReading, found: SnapSet, frame: ReferenceFrame) -> float:
+        """Return the years since the epoch of a frame; NaN after a problem."""
+        if not frame.has_rates:
+            return 0.0
+        if frame.epoch is None or r.date is None:
+            what = "epoch" if frame.epoch is None else "date of its observations"
+            found.source.wrong(
+                r.line, f"the reference frame {frame.code} changes with time, and the {what} is unknown"
+            )
+            return math.nan
+        return decimal_year(r.date) - frame.epoch
+
+    def _middle_horizon(self) -> Array:
+        """Return east, north, up in the middle of the stations, (3, 3)."""
+        if self.middle is None:
+            latitude, longitude, _ = self.stations.geodetic(list(self.stations.by_code))
+            phi, lam = (0.5 * (v.min() + v.max()) for v in (latitude, longitude))
+            frame = GeocentricFrame(self.stations.system.ellipsoid_name)
+            at = frame.ellipsoid.to_cartesian(*(np.array([v]) for v in (phi, lam, 0.0)))
+            self.middle = frame.basis(at, np.zeros((1, 2))).enu[0]
+        return self.middle
+
+
+def _turned(angle: float) -> float:
+    """Return an angle from −π to π."""
+    return math.remainder(angle, 2.0 * math.pi)
+
+
