@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 from ...frames import GeocentricFrame
 from ...network.network import Network
@@ -44,7 +45,7 @@ MISSING_STATIONS = LeftOutReason(
 PARTS_OF_AXES = {PLAN: "en", HEIGHT: "u"}
 
 
-def read_snap(path: str | Path) -> Network:
+def read_snap(path: str | Path, *, deformation: Literal["refuse", "none"] = "refuse") -> Network:
     """Read a job of SNAP: the command file (``.snp``) with all files that it names.
 
     The network is geocentric, on the ellipsoid of the coordinate file.
@@ -85,12 +86,14 @@ def read_snap(path: str | Path) -> Network:
 
     Args:
         path: the command file.
+        deformation: what to do where a deformation model applies, by default that of NZGD2000:
+            "refuse"; or "none": take observations as of the epoch of the coordinates.
 
     Raises:
         InputError: every problem of the files, each with its line.
     """
     problems = Problems()
-    job = read_job(Path(path), problems)
+    job = read_job(Path(path), problems, deformed=deformation == "refuse")
     problems.raise_all()
     assert job.stations is not None  # its absence is a problem
     chosen = list(_chosen_sets(job))
@@ -102,7 +105,7 @@ def read_snap(path: str | Path) -> Network:
     problems.raise_all()
     name = job.title or job.stations.title or Path(path).stem
     readings = [r for s, kept in taking for r in (s.readings[i] for i in kept)]
-    radius = refraction_radius(readings, job.stations)
+    radius = refraction_radius(readings, job.stations, job.parameters)
     frame = GeocentricFrame(job.stations.system.ellipsoid_name, radius=radius)
     free = job.mode == "free"
     system = job.stations.system
@@ -167,9 +170,7 @@ def _chosen_sets(job: SnapJob) -> Iterator[SnapSet]:
             )
 
 
-def _recoded(
-    job: SnapJob, reading: SnapReading, found: SnapSet, own: object
-) -> SnapReading | None:
+def _recoded(job: SnapJob, reading: SnapReading, found: SnapSet, own: object) -> SnapReading | None:
     """Return a reading with the codes that recodings give; rejected where its station is out."""
     stations = job.stations
     assert stations is not None

@@ -27,9 +27,7 @@ _DISTANCE, _BEARING, _LATITUDE, _LONGITUDE, _HEIGHT = (
 _ALL = frozenset((_LATITUDE, _LONGITUDE, _HEIGHT, _PLAN_READ, _HEIGHT_READ))
 LOCATES: dict[str, frozenset[str]] = {
     **dict.fromkeys(("GB", "GX"), _ALL),
-    **dict.fromkeys(
-        ("SD", "HD", "MD", "DR"), frozenset((_DISTANCE, _PLAN_READ, _HEIGHT_READ))
-    ),
+    **dict.fromkeys(("SD", "HD", "MD", "DR"), frozenset((_DISTANCE, _PLAN_READ, _HEIGHT_READ))),
     "ED": frozenset((_DISTANCE, _PLAN_READ)),
     **dict.fromkeys(("HA", "AZ", "PB"), frozenset((_BEARING, _PLAN_READ))),
     "ZD": frozenset((_HEIGHT, _PLAN_READ, _HEIGHT_READ)),

@@ -131,13 +131,37 @@ def _default_positions(readings: tuple[SnapReading, ...], stations: SnapStations
     return out
 
 
-def vector_covariance(found: SnapSet, stations: SnapStations) -> Array | None:
-    """Return the covariance (3n, 3n) of all readings of a set; None after a problem.
+def vector_covariance(found: SnapSet, kept: list[int], stations: SnapStations) -> Array | None:
+    """Return the covariance of the readings of a set that take part; None after a problem.
 
     Errors in ``enu`` are those along east, north and up of the middle of the ends.
+
+    Args:
+        found: the set.
+        kept: places of the readings that take part.
+        stations: stations of the job.
     """
-    readings = found.readings
+    readings = tuple(found.readings[i] for i in kept)
+    out = _stated_covariance(found, kept, readings, stations)
+    if out is None:
+        return None
+    factors = np.repeat([r.factor for r in readings], 3)
+    out = out * np.outer(factors, factors)
+    try:
+        whitening(out)
+    except InputError as error:
+        found.source.wrong(readings[0].line, f"the covariance of {found.kind}: {error}")
+        return None
+    return np.asarray(out)
+
+
+def _stated_covariance(
+    found: SnapSet, kept: list[int], readings: tuple[SnapReading, ...], stations: SnapStations
+) -> Array | None:
+    """Return the covariance (3n, 3n) that the file states; None after a problem."""
     kind, first = found.kind, readings[0]
+    rows = np.array([3 * i + k for i in kept for k in range(3)])
+    matrix = None if found.matrix is None else found.matrix[np.ix_(rows, rows)]
     if found.error_type == DEFAULT:
         code = ERRORS_OF_KINDS[kind]
         if not first.defaults.get(code):
@@ -148,18 +172,17 @@ def vector_covariance(found: SnapSet, stations: SnapStations) -> Array | None:
             return None
         made = _default_vectors if kind == "GB" else _default_positions
         return made(readings, stations)
-    if found.matrix is not None and found.error_type == "full":
-        return found.matrix
     if found.error_type == "full":
+        if matrix is not None:
+            return matrix
         xx, xy, yy, xz, yz, zz = first.errors or (math.nan,) * 6
         return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     sigmas = np.concatenate([np.array((r.errors or ())[:3]) for r in readings])
     if found.error_type == "correlation":
-        correlation = found.matrix
-        if correlation is None:
+        if matrix is None:
             xy, xz, yz = (first.errors or ())[3:]
-            correlation = np.array([[1.0, xy, xz], [xy, 1.0, yz], [xz, yz, 1.0]])
-        return np.asarray(correlation * np.outer(sigmas, sigmas))
+            matrix = np.array([[1.0, xy, xz], [xy, 1.0, yz], [xz, yz, 1.0]])
+        return np.asarray(matrix * np.outer(sigmas, sigmas))
     out = np.diag(np.square(sigmas))
     if found.error_type == "enu":
         for i, r in enumerate(readings):
@@ -168,19 +191,3 @@ def vector_covariance(found: SnapSet, stations: SnapStations) -> Array | None:
             own = slice(3 * i, 3 * i + 3)
             out[own, own] = axes.T @ out[own, own] @ axes
     return out
-
-
-def chosen_covariance(
-    covariance: Array, found: SnapSet, kept: list[int]
-) -> Array | None:
-    """Return the covariance of the readings that take part; None after a problem."""
-    readings = found.readings
-    rows = np.array([3 * i + k for i in kept for k in range(3)])
-    factors = np.repeat([readings[i].factor for i in kept], 3)
-    out = covariance[np.ix_(rows, rows)] * np.outer(factors, factors)
-    try:
-        whitening(out)
-    except InputError as error:
-        found.source.wrong(readings[0].line, f"the covariance of {found.kind}: {error}")
-        return None
-    return np.asarray(out)

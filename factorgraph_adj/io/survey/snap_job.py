@@ -49,10 +49,8 @@ OF_COMPUTATION = LeftOutReason(
     "commands of the computation", "the adjustment settles iterations, order and middle itself"
 )
 REFUSED = {
-    "deformation": "the deformation model {0} is not read: state coordinates and observations of "
-    "one epoch",
-    "geoid": "the geoid {0} is a grid of SNAP that is not read: write geoid heights and deflections "
-    "into the coordinate file, as snapgeoid does",
+    "geoid": "the geoid {0} is a grid of SNAP that is not read: write geoid heights and "
+    "deflections into the coordinate file, as snapgeoid does",
     "station_offset_file": "offsets of stations in time ({0}) have no counterpart",
     "systematic_error": "parameters of systematic errors ({0}) have no counterpart",
     "set_observation_option": "the option {0} has no counterpart",
@@ -64,9 +62,11 @@ REFUSED = {
     "state a scale of distances and of reference frames",
 }
 """Commands that are refused, with the reason."""
-HARMLESS = {"deformation": "none", "gps_vertical": "individual"}
+HARMLESS = {"geoid": "none", "gps_vertical": "individual"}
 """Words with which a refused command changes nothing."""
 StationCommand: TypeAlias = Literal["fix", "free", "float", "reject", "ignore", "accept"]
+DEFORMING_DATUMS = {"NZGD2000": "the deformation model of NZGD2000"}
+"""Models that SNAP applies by default, by datum."""
 STATION_COMMANDS: tuple[StationCommand, ...] = (
     *("fix", "free", "float"),
     *("reject", "ignore", "accept"),
@@ -129,6 +129,8 @@ class SnapJob:
     """Codes, in capital letters, of stations that may be unknown."""
     ratios: bool = True
     """Whether distance ratios have an unknown scale."""
+    deformation: str = "datum"
+    """Which deformation model applies: of the datum, none, or one that the job describes."""
     use_datum: bool = True
     """Whether projections of bearings must have the datum of the stations."""
 
@@ -145,6 +147,7 @@ class _JobReader:
         self.waiting: list[tuple[str, JobLine, Callable[[SnapStations], None]]] = []
         self.by_name: dict[str, Callable[[JobLine], None]] = {
             "title": self._title,
+            "deformation": self._deformation,
             "coordinate_file": self._coordinates,
             "add_coordinate_file": self._more_coordinates,
             "data_file": self._data,
@@ -199,6 +202,21 @@ class _JobReader:
             act(self.job.stations)
         return self.job
 
+    def refuse_deformation(self) -> None:
+        """Refuse the deformation model that applies, if there is any."""
+        stations, stated = self.job.stations, self.job.deformation
+        if stations is None or stated.lower() == "none":
+            return
+        model = DEFORMING_DATUMS.get(stations.system.datum, "")
+        if stated.lower() != "datum":
+            model = f"the deformation model {stated[:60]}"
+        if model:
+            self.job.source.wrong(
+                0,
+                f"{model} applies, which is not read; valid: observations of the epoch of the "
+                "coordinates, with the command deformation none or the option deformation='none'",
+            )
+
     # -- files ------------------------------------------------------------------------------------
 
     def _file(self, at: JobLine, suffix: str, what: str) -> Path | None:
@@ -213,6 +231,9 @@ class _JobReader:
 
     def _title(self, at: JobLine) -> None:
         self.job.title = " ".join(at.words)
+
+    def _deformation(self, at: JobLine) -> None:
+        self.job.deformation = " ".join(at.words)
 
     def _coordinates(self, at: JobLine) -> None:
         if len(at.words) > 1:
@@ -369,9 +390,7 @@ class _JobReader:
 
         def act(stations: SnapStations) -> None:
             test = observation_test(at, words, stations, files)
-            self.job.observation_statements.append(
-                ObservationStatement(name, test, factor, by_set)
-            )
+            self.job.observation_statements.append(ObservationStatement(name, test, factor, by_set))
 
         self.waiting.append((name, at, act))
 
@@ -422,9 +441,17 @@ class _JobReader:
         self.job.use_datum = at.source.field(at.line, text, "proj_bearing_use_datum").flag()
 
 
-def read_job(path: Path, problems: Problems) -> SnapJob:
-    """Return what a command file and all its files state; what is wrong is noted."""
+def read_job(path: Path, problems: Problems, *, deformed: bool) -> SnapJob:
+    """Return what a command file and all its files state; what is wrong is noted.
+
+    Args:
+        path: the command file.
+        problems: gets what is wrong.
+        deformed: whether a deformation model that applies is a problem.
+    """
     source = TextSource(path, problems, code_page="cp1252")
     reader = _JobReader(source)
     reader.read(source)
+    if deformed:
+        reader.refuse_deformation()
     return reader.finish()

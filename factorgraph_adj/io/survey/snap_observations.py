@@ -8,12 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from ...errors import InputError
 from ...frames import MEAN_EARTH_RADIUS, GeocentricFrame
 from ...network.network import Network
 from ...observations import (
@@ -42,18 +40,19 @@ from ..source import is_unread
 from .snap_coordinates import SnapStation, SnapStations
 from .snap_data import SnapReading, SnapSet
 from .snap_data_commands import POINT_KINDS, VECTOR_KINDS
-from .snap_errors import chosen_covariance, scalar_sigma, vector_covariance
+from .snap_errors import scalar_sigma, vector_covariance
 from .snap_lines import decimal_year
 from .snap_parameters import (
     DEFAULT_CODE,
     GNSS_CODE,
     PPM,
     JobParameters,
+    ParameterValue,
     ReferenceFrame,
     frame_matrix,
     frame_shift,
 )
-from .snap_systems import SNAP_SYSTEMS, SystemCode, read_system
+from .snap_systems import SystemCode, read_system
 
 BOMFORD = 2.0
 """κ of Gauss over k of Bomford: the ray is bent by k S/R = κ S/2R."""
@@ -65,23 +64,36 @@ def azimuth_of(place: Array, other: Array, enu: Array) -> tuple[float, float]:
     return math.atan2(east, north), math.atan2(math.hypot(east, north), up)
 
 
-def refraction_radius(readings: Sequence[SnapReading], stations: SnapStations) -> float:
-    """Return one radius for the refraction of all zenith distances, metres.
+def bent_arc(stations: SnapStations, station: str, target: str) -> tuple[float, float]:
+    """Return the level length of a sight, metres, and the angle between the normals of its ends."""
+    a, b = stations.find(station), stations.find(target)
+    assert a is not None and b is not None  # the reader looked for them
+    enu = stations.enu(station)
+    level = float(np.hypot(*(enu[:2] @ (np.array(b.xyz) - np.array(a.xyz)))))
+    return level, float(np.linalg.norm(np.cross(stations.up(target), enu[2])))
 
-    SNAP bends a ray by k times the angle between the normals of its ends, Euler's radius in its
-    azimuth; the frame of a network has one radius. It is the mean of these, weighted by S².
+
+def refraction_radius(
+    readings: Sequence[SnapReading], stations: SnapStations, parameters: JobParameters
+) -> float:
+    """Return one radius of the Earth for unknown coefficients of refraction, metres.
+
+    SNAP bends a ray by k times the angle between the normals of its ends; the frame of a network
+    has one radius for all. It is the mean of length over angle, weighted by the length squared.
     """
     total = weights = 0.0
     for r in readings:
-        ends = stations.find(r.station), stations.find(r.target)
-        if r.kind != "ZD" or ends[0] is None or ends[1] is None:
-            continue
-        a, b = (np.array(s.xyz) for s in ends if s is not None)
-        enu = stations.enu(r.station)
-        level = float(np.hypot(*(enu[:2] @ (b - a))))
-        angle = float(np.linalg.norm(stations.up(r.target) - enu[2]))
-        total, weights = total + level * level, weights + level * angle
+        if r.kind == "ZD" and refraction_of(r, parameters)[1].calculated:
+            level, angle = bent_arc(stations, r.station, r.target)
+            total, weights = total + level * level, weights + level * angle
     return total / weights if weights > 0 else MEAN_EARTH_RADIUS
+
+
+def refraction_of(r: SnapReading, parameters: JobParameters) -> tuple[str, ParameterValue]:
+    """Return name and value of the coefficient of refraction of a reading."""
+    sort = parameters.refraction
+    name = sort.code(r.classes.get(sort.class_name, DEFAULT_CODE))
+    return name, sort.of(name)
 
 
 class SnapObservations:
@@ -249,14 +261,17 @@ class SnapObservations:
 
     def _zenith(self, r: SnapReading, found: SnapSet, **more: Any) -> Observation:
         a, b = self._ends(r)
-        parameters = self.parameters.refraction
-        name = parameters.code(r.classes.get(parameters.class_name, DEFAULT_CODE))
+        name, k = refraction_of(r, self.parameters)
         if name not in self.network.of_kind("refraction"):
-            value = parameters.of(name)
-            kappa = BOMFORD * value.value
-            self.network.set_refraction(name, value=kappa, fixed=not value.calculated)
+            kappa = BOMFORD * k.value
+            self.network.set_refraction(name, value=kappa, fixed=not k.calculated)
+        value = r.values[0]
+        if not k.calculated:
+            # The frame has one radius: what the angle between the normals differs from it.
+            level, angle = bent_arc(self.stations, a.code, b.code)
+            value += k.value * (angle - level / self.network.frame.radius)
         given = {**self._heights(r), "refraction": name, **more}
-        return ZenithAngle(a.code, b.code, r.values[0], **given)
+        return ZenithAngle(a.code, b.code, value, **given)
 
     def _levelled(self, r: SnapReading, found: SnapSet, **more: Any) -> Observation:
         a, b = self._ends(r)
@@ -283,8 +298,7 @@ class SnapObservations:
     # -- GNSS -------------------------------------------------------------------------------------
 
     def _add_vectors(self, found: SnapSet, kept: list[int]) -> None:
-        everything = vector_covariance(found, self.stations)
-        covariance = None if everything is None else chosen_covariance(everything, found, kept)
+        covariance = vector_covariance(found, kept, self.stations)
         if covariance is None:
             return
         members: list[Observation] = []
@@ -364,7 +378,8 @@ class SnapObservations:
         if frame.epoch is None or r.date is None:
             what = "epoch" if frame.epoch is None else "date of its observations"
             found.source.wrong(
-                r.line, f"the reference frame {frame.code} changes with time, and the {what} is unknown"
+                r.line,
+                f"the reference frame {frame.code} changes with time, and the {what} is unknown",
             )
             return math.nan
         return decimal_year(r.date) - frame.epoch
@@ -383,5 +398,3 @@ class SnapObservations:
 def _turned(angle: float) -> float:
     """Return an angle from −π to π."""
     return math.remainder(angle, 2.0 * math.pi)
-
-

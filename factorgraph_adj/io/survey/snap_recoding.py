@@ -165,7 +165,7 @@ class Recodings:
             if not any(c.strip() for c in row):
                 continue
             given = dict(zip(header, row, strict=False))
-            if len(row) > len(header):
+            if any(c.strip() for c in row[len(header) :]):
                 source.wrong(line, f"has {len(row)} fields, and the header {len(header)}")
             old, new = (source.field(line, given.get(c), c).name() for c in COLUMNS[:2])
             dates: list[datetime | None] = []
