@@ -103,14 +103,13 @@ def read_snap(path: str | Path, *, deformation: Literal["refuse", "none"] = "ref
     located = located_stations(r for s, kept in taking for r in (s.readings[i] for i in kept))
     settle(job, states, located)
     problems.raise_all()
-    name = job.title or job.stations.title or Path(path).stem
     readings = [r for s, kept in taking for r in (s.readings[i] for i in kept)]
     radius = refraction_radius(readings, job.stations, job.parameters)
     frame = GeocentricFrame(job.stations.system.ellipsoid_name, radius=radius)
     free = job.mode == "free"
     system = job.stations.system
     crs = system.reference_system if system.form == "projection" else None
-    network = Network(name, frame=frame, datum="free" if free else "given", crs=crs)
+    network = Network(Path(path).stem, frame=frame, datum="free" if free else "given", crs=crs)
     observed = set(located)
     _add_stations(job, states, observed, network)
     maker = SnapObservations(network, job.stations, job.parameters, job.ratios)

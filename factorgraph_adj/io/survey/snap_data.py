@@ -25,6 +25,7 @@ from .snap_data_commands import (
     SnapDataState,
     SnapErrors,
     data_command,
+    only_words,
 )
 from .snap_lines import parsed_date, records
 
@@ -166,6 +167,7 @@ class SnapDataFile:
         self._end_matrix()
         self._end_group(line, at_end=low in ("end_set", "end", ""))
         if low in ("end_set", "end", ""):
+            only_words(self.source, line, low, f"{more} {rest}".split(), 0)
             return
         self.state = data_command(self.source, line, low, f"{more} {rest}".strip(), self.state)
 

@@ -185,6 +185,7 @@ def data_command(
         found = _errors(source, line, name, words, ERROR_UNITS[code])
         return replace(state, errors={**state.errors, code: found})
     if name in ANGLE_COMMANDS:
+        only_words(source, line, name, words, 0)
         return replace(state, angles=ANGLE_COMMANDS[name])
     if name == "date":
         found_date = parsed_date(rest)
@@ -197,13 +198,13 @@ def data_command(
         given = source.field(line, " ".join(kinds), "#gps_error_type").word(valid)
         upper = "upper" in rest.lower().split()
         return replace(state, error_type=given or state.error_type, upper=upper)
-    if name == "projection":
-        return replace(state, projection=source.field(line, rest, "#projection").name())
-    if name == "classification":
-        names = source.field(line, rest, "#classification").name().lower()
-        return replace(state, names=state.names | {names})
-    if name in CLASS_ITEMS:
-        value = source.field(line, rest, f"#{name}").name()
+    if name in ("projection", "classification", *CLASS_ITEMS):
+        only_words(source, line, name, words, 1)
+        value = source.field(line, words[0] if words else None, f"#{name}").name()
+        if name == "projection":
+            return replace(state, projection=value)
+        if name == "classification":
+            return replace(state, names=state.names | {value.lower()})
         cls = CLASS_ITEMS[name]
         return _classified(state, CLASSES_OF_KINDS[cls], cls, value)
     if name == "classify":
@@ -212,6 +213,13 @@ def data_command(
         return state
     source.field(line, name, "command #").word(_VALID)
     return state
+
+
+def only_words(source: TextSource, line: int, name: str, words: list[str], number: int) -> None:
+    """Refuse more words behind a command than it takes."""
+    if len(words) > number:
+        takes = f"takes {number} word" if number else "takes no words"
+        source.wrong(line, f"#{name} {takes}, not {' '.join(words)[:40]!r}")
 
 
 def _classified(

@@ -31,7 +31,15 @@ DIMENSIONS = {"3d": "3d", "2d": "2d", "horizontal": "2d", "1d": "1d", "vertical"
 INCLUDED_DEPTH = 20
 """Largest number of files that include one another; more are a circle."""
 LISTING = (
-    *("list", "print", "output", "output_csv", "output_coordinate_file", "output_precision"),
+    *(
+        "title",
+        "list",
+        "print",
+        "output",
+        "output_csv",
+        "output_coordinate_file",
+        "output_precision",
+    ),
     *("add_residual_column", "define_residual_format", "coordinate_precision", "plot"),
     *("station_code_width", "sort_observations", "summarize_errors_by", "summarise_errors_by"),
     *("summarize_residuals_by", "summarise_residuals_by", "number_of_worst_residuals"),
@@ -114,7 +122,6 @@ class SnapJob:
 
     source: TextSource
     """The command file, with the problems of all files."""
-    title: str = ""
     stations: SnapStations | None = None
     files: list[DataFile] = field(default_factory=list)
     mode: Mode = "adjustment"
@@ -146,7 +153,6 @@ class _JobReader:
         self.default_refraction = DEFAULT_REFRACTION
         self.waiting: list[tuple[str, JobLine, Callable[[SnapStations], None]]] = []
         self.by_name: dict[str, Callable[[JobLine], None]] = {
-            "title": self._title,
             "deformation": self._deformation,
             "coordinate_file": self._coordinates,
             "add_coordinate_file": self._more_coordinates,
@@ -228,9 +234,6 @@ class _JobReader:
         if found is None:
             at.wrong(f"the {what} {at.words[0]!r} is not there; names count from {at.folder.name}/")
         return found
-
-    def _title(self, at: JobLine) -> None:
-        self.job.title = " ".join(at.words)
 
     def _deformation(self, at: JobLine) -> None:
         self.job.deformation = " ".join(at.words)

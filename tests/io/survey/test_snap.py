@@ -72,7 +72,12 @@ READINGS = """Readings of 2008
 1
 2 -900.0 -900.1 -910.2
 3 -940.0 -20.1 -1020.2
+#gps_error_type full
+#data GX error grouped no_heights
+4 -4784900.0 586500.0 -4158000.0
 #end_set
+4e-4 1e-5 5e-4
+-2e-5 3e-5 6e-4
 """
 JOB = """title Survey of a site
 coordinate_file site.crd
@@ -95,11 +100,11 @@ EXAMPLE_FILES = {
         {"site.snp": JOB, "site.crd": SITE, "readings.dat": READINGS},
         "site.snp",
         unread=(
-            r"site\.snp\|\w+\|\w+\|(title|list)",
-            r"site\.crd\|[^|]*\|[^|]*\|Four stations",
-            r"\|(North|East|South|West)\|",
-            r"\|(1|2|PIN|TUBE)\|\w+ 4",
-            r"readings\.dat\|[^|]*\|[^|]*\|(Readings|#date)",
+            r"site\.snp\|.*\|(title|list) ",
+            r"site\.crd\|.*\|Four stations",
+            r"site\.crd\|word\|.*\|\d 41 ",  # names of stations
+            r"site\.crd\|value\|(North|East|South|West|\d|PIN|TUBE)\|",
+            r"readings\.dat\|.*\|(Readings|#date|\* 2 1\.4)",
         ),
     )
 }
