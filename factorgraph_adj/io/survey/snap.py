@@ -26,9 +26,9 @@ from .snap_adjusted_stations import (
     rejected_stations,
     settle,
 )
-from .snap_data import SnapReading, SnapSet
 from .snap_job import SnapJob, read_job
 from .snap_observations import SnapObservations, refraction_radius
+from .snap_readings import SnapReading, SnapSet
 from .snap_recoding import with_station
 
 HELD_SIGMA_M = 1e-6

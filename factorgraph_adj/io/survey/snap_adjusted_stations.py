@@ -8,14 +8,14 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from .snap_data import SnapReading
 from .snap_data_commands import POINT_KINDS
 from .snap_job import SnapJob, StationStatement
+from .snap_readings import SnapReading
 from .snap_selections import station_test
 
 PLAN, HEIGHT = "plan", "height"
 PARTS = {"horizontal": (PLAN,), "2d": (PLAN,), "vertical": (HEIGHT,), "1d": (HEIGHT,)}
-BOTH = (PLAN, HEIGHT)
+BOTH: tuple[str, ...] = (PLAN, HEIGHT)
 _PLAN_READ, _HEIGHT_READ = "plan matters", "height matters"
 _DISTANCE, _BEARING, _LATITUDE, _LONGITUDE, _HEIGHT = (
     "distance",

@@ -92,7 +92,7 @@ class SnapStations:
 
     def up(self, code: str) -> Array:
         """Return the normal of the ellipsoid at a station, (3,)."""
-        return self.enu(code)[2]
+        return np.asarray(self.enu(code)[2])
 
     def enu(self, code: str) -> Array:
         """Return unit vectors east, north, up of the ellipsoid at a station as rows, (3, 3)."""
@@ -135,7 +135,8 @@ def read_coordinate_file(path: Path, problems: Problems) -> SnapStations | None:
         )
         return None
     rest = lines[2:]
-    has, classes = set(WITHOUT_OPTIONS), []
+    has: set[str] = set(WITHOUT_OPTIONS)
+    classes: list[str] = []
     if rest and rest[0][1].split()[0].lower() in ("options", "no_geoid"):
         line, text = rest.pop(0)
         has, classes = _options(source, line, text.split())

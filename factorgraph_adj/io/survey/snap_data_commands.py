@@ -234,7 +234,7 @@ def _classify(
     source: TextSource, line: int, words: list[str], state: SnapDataState
 ) -> SnapDataState:
     """Return the state after ``#classify [HA/SD] NAME VALUE``."""
-    kinds = KINDS
+    kinds: tuple[str, ...] = KINDS
     if len(words) > 2:
         found = [kind_of(w) for w in words.pop(0).split("/")]
         if "" in found:

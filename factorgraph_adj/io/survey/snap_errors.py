@@ -13,16 +13,18 @@ import numpy as np
 from ...errors import InputError
 from ...stochastic_model import whitening
 from ...types import Array
-from .snap_coordinates import SnapStation, SnapStations
-from .snap_data import DEFAULT, SnapReading, SnapSet
+from .snap_coordinates import SnapStations
 from .snap_data_commands import ERROR_COMMANDS, ERRORS_OF_KINDS
+from .snap_readings import DEFAULT, SnapReading, SnapSet
 
 LARGEST_ANGLE = 2.0
 """Largest error of an angle that a plumbing error makes, radians."""
 
 
-def _between(a: SnapStation, b: SnapStation, *, level: bool) -> float:
-    """Return the distance of two stations, metres, or that at their mean height."""
+def _between(reading: SnapReading, stations: SnapStations, *, level: bool) -> float:
+    """Return the distance of the stations of a reading, metres, or that at their mean height."""
+    a, b = stations.find(reading.station), stations.find(reading.target)
+    assert a is not None and b is not None  # the reader looked for them
     d = np.array(b.xyz) - np.array(a.xyz)
     length = float(np.linalg.norm(d))
     return math.sqrt(max(length**2 - (b.height - a.height) ** 2, 0.0)) if level else length
@@ -49,14 +51,10 @@ def scalar_sigma(reading: SnapReading, found: SnapSet, stations: SnapStations) -
     if code == "ds":
         sigma = math.hypot(part.get("mm", 0.0), part.get("ppm", 0.0) * reading.values[0])
     elif code in ("ha", "az"):
-        ends = stations.find(reading.station), stations.find(reading.target)
-        assert ends[0] is not None and ends[1] is not None  # the reader looked for them
-        distance = _between(*ends, level=True) if "mm" in part else 1.0
+        distance = _between(reading, stations, level=True) if "mm" in part else 1.0
         sigma = math.hypot(part.get("sec", 0.0), _plumbing(part.get("mm", 0.0), distance))
     elif code == "zd":
-        ends = stations.find(reading.station), stations.find(reading.target)
-        assert ends[0] is not None and ends[1] is not None
-        distance, z = _between(*ends, level=False), reading.values[0]
+        distance, z = _between(reading, stations, level=False), reading.values[0]
         level = _plumbing(part.get("mmh", 0.0), distance) * math.cos(z)
         upright = _plumbing(part.get("mmv", 0.0), distance) * math.sin(z)
         sigma = math.sqrt(part.get("sec", 0.0) ** 2 + level**2 + upright**2)
@@ -174,7 +172,7 @@ def _stated_covariance(
         return made(readings, stations)
     if found.error_type == "full":
         if matrix is not None:
-            return matrix
+            return np.asarray(matrix)
         xx, xy, yy, xz, yz, zz = first.errors or (math.nan,) * 6
         return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     sigmas = np.concatenate([np.array((r.errors or ())[:3]) for r in readings])

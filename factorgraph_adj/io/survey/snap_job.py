@@ -12,9 +12,9 @@ from typing import Literal, TypeAlias
 
 from ..source import LeftOutReason, Problems, TextSource, is_unread
 from .snap_coordinates import SnapStations, read_coordinate_file
-from .snap_data import SnapSet, read_data_file
 from .snap_lines import found_file, records, words_of
 from .snap_parameters import DEFAULT_REFRACTION, JobParameters
+from .snap_readings import SnapSet, read_data_file
 from .snap_recoding import Recodings
 from .snap_selections import JobLine, ObservationTest, observation_test
 

@@ -79,7 +79,8 @@ def parsed_date(text: str) -> datetime | None:
             month = str(MONTHS.index(month[:3].lower()) + 1)
         try:
             day = date(int(part["year"]), int(month), int(part["day"]))
-            at = time(*(int(part[p] or 0) for p in ("hour", "minute", "second")))
+            hour, minute, second = (int(part[p] or 0) for p in ("hour", "minute", "second"))
+            at = time(hour, minute, second)
         except ValueError:
             return None
         return datetime.combine(day, at)

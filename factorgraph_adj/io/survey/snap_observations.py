@@ -38,7 +38,6 @@ from ...types import Array
 from ...units import ARCSEC
 from ..source import is_unread
 from .snap_coordinates import SnapStation, SnapStations
-from .snap_data import SnapReading, SnapSet
 from .snap_data_commands import POINT_KINDS, VECTOR_KINDS
 from .snap_errors import scalar_sigma, vector_covariance
 from .snap_lines import decimal_year
@@ -52,6 +51,7 @@ from .snap_parameters import (
     frame_matrix,
     frame_shift,
 )
+from .snap_readings import SnapReading, SnapSet
 from .snap_systems import SystemCode, read_system
 
 BOMFORD = 2.0
@@ -166,13 +166,13 @@ class SnapObservations:
         return self._station(reading.station), self._station(reading.target)
 
     @staticmethod
-    def _heights(reading: SnapReading) -> dict[str, float]:
+    def _heights(reading: SnapReading) -> dict[str, Any]:
         return {
             "instrument_height": reading.instrument_height,
             "target_height": reading.target_height,
         }
 
-    def _meter(self, reading: SnapReading) -> dict[str, str]:
+    def _meter(self, reading: SnapReading) -> dict[str, Any]:
         """Return the distance meter of a reading, if it has a scale."""
         scales = self.parameters.distance_scale
         code = reading.classes.get(scales.class_name)
@@ -207,7 +207,7 @@ class SnapObservations:
         a, b = self._ends(r)
         # Sea level is for SNAP the mean of both undulations.
         level = 0.5 * (a.undulation + b.undulation) if r.kind == "MD" else 0.0
-        surfaces = {"station_surface": level, "target_surface": level}
+        surfaces: dict[str, Any] = {"station_surface": level, "target_surface": level}
         return EllipsoidDistance(a.code, b.code, r.values[0], **surfaces, **self._meter(r), **more)
 
     def _bearing(self, r: SnapReading, found: SnapSet, **more: Any) -> Observation | None:
@@ -275,7 +275,7 @@ class SnapObservations:
 
     def _levelled(self, r: SnapReading, found: SnapSet, **more: Any) -> Observation:
         a, b = self._ends(r)
-        surfaces = {"station_surface": a.undulation, "target_surface": b.undulation}
+        surfaces: dict[str, Any] = {"station_surface": a.undulation, "target_surface": b.undulation}
         return EllipsoidHeightDifference(
             a.code, b.code, r.values[0], **self._heights(r), **surfaces, **more
         )
@@ -369,7 +369,7 @@ class SnapObservations:
         moved = inverse @ value
         if r.kind in POINT_KINDS:
             moved = moved - frame_shift(parameters, horizon)
-        return moved, inverse
+        return np.asarray(moved), np.asarray(inverse)
 
     def _years(self, r: SnapReading, found: SnapSet, frame: ReferenceFrame) -> float:
         """Return the years since the epoch of a frame; NaN after a problem."""

@@ -18,9 +18,9 @@ from ...errors import InputError, known
 from ...types import Array
 from ..source import TextSource
 from .snap_coordinates import SnapStation, SnapStations
-from .snap_data import SnapReading
 from .snap_data_commands import KINDS, kind_of
 from .snap_lines import found_file, parsed_date, records, unquoted, wildcard_pattern
+from .snap_readings import SnapReading
 from .snap_systems import read_system
 
 StationTest: TypeAlias = Callable[[SnapStation], bool]

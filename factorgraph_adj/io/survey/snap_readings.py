@@ -265,9 +265,22 @@ class SnapDataFile:
                     own = self._dated(words, item, own)
                 else:
                     classes[CLASS_ITEMS.get(item, item)] = words.next(item).name()
-            ends = (station, target, height, target_height)
-            stated = (classes, own.date, own.projection, own.errors, words.line)
-            out.append(SnapReading(kind, *ends, values, errors, out_rejected, *stated))
+            reading = SnapReading(
+                kind,
+                station,
+                target,
+                height,
+                target_height,
+                values,
+                errors,
+                out_rejected,
+                classes,
+                own.date,
+                own.projection,
+                own.errors,
+                words.line,
+            )
+            out.append(reading)
         if self.source.problems.count == before and len(words):
             self._too_much(words, "the line")
         return iter(out if self.source.problems.count == before else [])
