@@ -78,8 +78,8 @@ def read_geodimeter(
     """Read a field book of Geodimeter or Trimble, a JOB or ARE file.
 
     A set-up begins with label 2, a target with 5, a reference object with 62; heights of the
-    instrument (3) belong to the last station, signal heights (6) hold for the targets that follow,
-    too. Read are directions (7, or 24 and 17 in the faces I and II), zenith readings (8, or 25 and
+    instrument (3) belong to the last station, signal heights (6) hold for the targets that follow
+    in the set-up. Read are directions (7, or 24 and 17 in the faces I and II), zenith readings (8, or 25 and
     18), slope distances (9), horizontal distances (11) where there is none, the circle reading of
     the reference object (21), and coordinates (37, 38, 39), which are approximate ones: the first
     ones of a point count, held where ``fixed`` names it. 7 and 8 beside 24 and 25 are means, 10 and
@@ -299,15 +299,16 @@ class _Reader:
         for name in ("difference", "vertical"):
             if of.get(name) is not None:
                 self.source.leave_out(block.lines[name], DERIVED_OBSERVATIONS, block.name)
-        first = {
+        first: dict[str, Any] = {
             "direction": of.get("direction_1", of.get("direction")),
             "zenith": of.get("zenith_1", of.get("zenith")),
             "distance": of.get("distance") or None,
             "horizontal": of.get("horizontal") or None,
         }
-        second = {"direction": of.get("direction_2"), "zenith": of.get("zenith_2")}
+        second: dict[str, Any] = {"direction": of.get("direction_2"), "zenith": of.get("zenith_2")}
         stated = None if second["direction"] is None and second["zenith"] is None else 1
-        for face, values in ((stated, first), (2, second)):
+        faces: tuple[tuple[int | None, dict[str, Any]], ...] = ((stated, first), (2, second))
+        for face, values in faces:
             if any(v is not None for v in values.values()):
                 self.has_readings = True
                 self.book.sight(
