@@ -292,8 +292,8 @@ class _Reader:
     def _sights(self, block: LabelBlock) -> None:
         """Note the readings of a target in both faces."""
         of = block.values
-        for mean, face in (("direction", "direction_1"), ("zenith", "zenith_1")):
-            if of.get(mean) is not None and of.get(face) is not None:
+        for mean, reading in (("direction", "direction_1"), ("zenith", "zenith_1")):
+            if of.get(mean) is not None and of.get(reading) is not None:
                 self.source.leave_out(block.lines[mean], DERIVED_OBSERVATIONS, block.name)
                 del of[mean]
         for name in ("difference", "vertical"):
