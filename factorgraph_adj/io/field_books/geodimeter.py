@@ -79,11 +79,11 @@ def read_geodimeter(
 
     A set-up begins with label 2, a target with 5, a reference object with 62; heights of the
     instrument (3) belong to the last station, signal heights (6) hold for the targets that follow
-    in the set-up. Read are directions (7, or 24 and 17 in the faces I and II), zenith readings (8, or 25 and
-    18), slope distances (9), horizontal distances (11) where there is none, the circle reading of
-    the reference object (21), and coordinates (37, 38, 39), which are approximate ones: the first
-    ones of a point count, held where ``fixed`` names it. 7 and 8 beside 24 and 25 are means, 10 and
-    49 are derived, and not used.
+    in the set-up. Read are directions (7, or 24 and 17 in the faces I and II), zenith readings (8,
+    or 25 and 18), slope distances (9), horizontal distances (11) where there is none, the circle
+    reading of the reference object (21), and coordinates (37, 38, 39), which are approximate ones:
+    the first ones of a point count, held where ``fixed`` names it. 7 and 8 beside 24 and 25 are
+    means, 10 and 49 are derived, and not used.
 
     The coordinates of a survey in a JOB file may stand in an ARE file of the same name beside it,
     which is read, too, as a remark of the network says.
