@@ -34,7 +34,9 @@ if _TYPE_CHECKING:
     from .io.field_books.jobxml import read_jobxml
     from .io.field_books.landxml import read_landxml, write_landxml
     from .io.field_books.sdr33 import read_sdr33
-    from .io.gnss.dynaml import read_dynaml, write_dynaml
+    from .io.gnss.dynadjust import read_dynadjust
+    from .io.gnss.dynaml import read_dynaml
+    from .io.gnss.dynaml_writer import write_dynaml
     from .io.gnss.gvx import read_gvx, write_gvx
     from .io.gnss.sinex import read_sinex, write_sinex
     from .io.photogrammetry.aicon import read_aicon
@@ -216,7 +218,8 @@ __all__ = [
     "grid_photos", "join", "load_solution", "measure", "memory_needed", "orient", "plan",
     "plot_network", "predict", "preliminary", "propose", "read", "read_aicon", "read_bal",
     "read_bundler", "read_colmap", "read_columns", "read_comp3d", "read_dbat",
-    "read_dynaml", "read_gama", "read_gsi", "read_gvx", "read_jag3d", "read_jobxml",
+    "read_dynadjust", "read_dynaml", "read_gama", "read_gsi", "read_gvx", "read_jag3d",
+    "read_jobxml",
     "read_landxml", "read_lgc2", "read_metashape", "read_micmac", "read_mmvii",
     "read_opencv", "read_openmvg", "read_opensfm", "read_opf", "read_project", "read_sdr33",
     "read_sinex", "read_star_net", "reduce_faces", "register_lens", "register_observation",
@@ -249,7 +252,9 @@ _NAMES = {
     "frames": "GeocentricFrame LocalFrame TopocentricFrame",
     "graph.observation_selection": "without",
     "incremental.adjustment": "IncrementalAdjustment",
-    "io.gnss.dynaml": "read_dynaml write_dynaml",
+    "io.gnss.dynadjust": "read_dynadjust",
+    "io.gnss.dynaml": "read_dynaml",
+    "io.gnss.dynaml_writer": "write_dynaml",
     "io.gnss.gvx": "read_gvx write_gvx",
     "io.gnss.sinex": "read_sinex write_sinex",
     "io.photogrammetry.aicon": "read_aicon",

@@ -1,4 +1,4 @@
-"""Transformations of GNSS frames at an epoch: ITRF of several years, GDA94, GDA2020.
+"""Transformations of GNSS frames at an epoch: ITRF of all years, GDA94, GDA2020.
 
 From ITRF2014 to another frame at the epoch t, with t₀ of the parameters and τ = t − t₀:
 
@@ -57,6 +57,28 @@ FROM_ITRF2014: dict[str, FrameTransformation] = {
     "ITRF2008": FrameTransformation(2010.0, (1.6, 1.9, 2.4), -0.02, (0.0, 0.0, -0.1), 0.03),
     "ITRF2005": FrameTransformation(2010.0, (2.6, 1.0, -2.3), 0.92, (0.3, 0.0, -0.1), 0.03),
     "ITRF2000": FrameTransformation(2010.0, (0.7, 1.2, -26.1), 2.12, (0.1, 0.1, -1.9), 0.11),
+    **{
+        name: FrameTransformation(
+            *(2010.0, shift, scale, (0.1, -0.5, -3.3), 0.12),
+            rotation=rotation,
+            rotation_rate=(0.0, 0.0, 0.02),
+        )
+        for name, shift, scale, rotation in (
+            ("ITRF1997", (7.4, -0.5, -62.8), 3.80, (0.0, 0.0, 0.26)),
+            ("ITRF1996", (7.4, -0.5, -62.8), 3.80, (0.0, 0.0, 0.26)),
+            ("ITRF1994", (7.4, -0.5, -62.8), 3.80, (0.0, 0.0, 0.26)),
+            ("ITRF1992", (15.4, 1.5, -70.8), 3.09, (0.0, 0.0, 0.26)),
+            ("ITRF1991", (27.4, 15.5, -76.8), 4.49, (0.0, 0.0, 0.26)),
+            ("ITRF1990", (25.4, 11.5, -92.8), 4.79, (0.0, 0.0, 0.26)),
+            ("ITRF1989", (30.4, 35.5, -130.8), 8.19, (0.0, 0.0, 0.26)),
+            ("ITRF1988", (25.4, -0.5, -154.8), 11.29, (0.1, 0.0, 0.26)),
+        )
+    },
+    "ITRF1993": FrameTransformation(
+        *(2010.0, (-50.4, 3.3, -60.2), 4.29, (-2.8, -0.1, -2.5), 0.12),
+        rotation=(-2.81, -3.38, 0.40),
+        rotation_rate=(-0.11, -0.19, 0.07),
+    ),
     "GDA2020": FrameTransformation(2020.0, rotation_rate=(-1.50379, -1.18346, -1.20716)),
 }
 """Transformations from ITRF2014 by the name of the other frame."""

@@ -14,7 +14,7 @@ from ..errors import InputError, Problem, known
 from ..network.network import Network
 from .field_books.landxml import write_landxml
 from .format_options import fitting_options, options_of, refuse_unknown_options
-from .gnss.dynaml import write_dynaml
+from .gnss.dynaml_writer import write_dynaml
 from .gnss.gvx import write_gvx
 from .gnss.sinex import write_sinex
 from .photogrammetry.colmap_writer import write_colmap

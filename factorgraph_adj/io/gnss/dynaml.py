@@ -1,49 +1,29 @@
-"""Reader and writer of DynaML, the XML of DynAdjust: geodetic stations and measurements.
+"""Reader of DynaML, the XML of DynAdjust: geodetic stations and measurements.
 
 Format: ICSM, DynAdjust User's Guide, DynaML.xsd 1.0.2 (2020).
 
-Stations and measurements may be in two files or in one; written files have both.
+Stations and measurements may be in two files or in one.
 """
 
 from __future__ import annotations
 
-import math
-import re
-from decimal import Decimal
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal
-from xml.sax.saxutils import escape
 
-import numpy as np
-
-from ...crs.terrestrial_frames import TERRESTRIAL_FRAMES
-from ...errors import known, taking
-from ...frames import GeocentricFrame
 from ...network.network import Network
-from ...observations import (
-    AstronomicLatitude,
-    AstronomicLongitude,
-    Azimuth,
-    ControlPoint,
-    Direction,
-    GnssVector,
-    HeightDifference,
-    HorizontalAngle,
-    Observation,
-    SlopeDistance,
-    VerticalAngle,
-    ZenithAngle,
-)
-from ...types import Array
-from ...units import ARCSEC
-from ..file_transaction import write_files
-from ..format_limits import Refusals
 from ..format_reader import NetworkReader, Reader, beginning_has
-from ..numbers import PACKED_DEGREES
-from ..source import Problems
+from ..source import Field, Problems
 from ..xml_files import Element
 from ..xml_source import XmlSource
-from .dynaml_measurements import DynamlMeasurements
+from .dynadjust_measurements import GNSS_TYPES, network_of
+from .dynadjust_records import (
+    DirectionRecord,
+    MeasurementRecord,
+    MemberRecord,
+    RecordFile,
+    StationRecord,
+)
 
 DYNAML_CHILDREN: dict[str, tuple[str, ...]] = {
     "DnaXmlFormat": ("DnaStation", "DnaMeasurement"),
@@ -66,30 +46,15 @@ DYNAML_CHILDREN: dict[str, tuple[str, ...]] = {
     ),
 }
 """Children of the elements of the format."""
-STATION_TYPES = ("LLH", "LLh", "XYZ")
-CONSTRAINED_SIGMA_M = 1e-6
-"""Standard deviation of constrained components of a station that is free in others, metres:
-DynAdjust's own default."""
 NO_STATIONS_MESSAGE = (
     "has no <DnaStation>: read the file of the stations (…stn.xml), which takes the measurements "
     "(…msr.xml) beside it or as a second argument"
 )
-MAX_STATION_NAME_CHARACTERS = 30
-"""Largest number of characters of the name of a station in DynAdjust."""
-MEASUREMENT_TYPES: dict[type[Observation], str] = {
-    SlopeDistance: "S",
-    ZenithAngle: "V",
-    VerticalAngle: "Z",
-    Azimuth: "B",
-    HeightDifference: "L",
-    HorizontalAngle: "A",
-    AstronomicLatitude: "I",
-    AstronomicLongitude: "J",
+MEMBER_TAGS = {
+    False: ("GPSBaseline", "GPSCovariance"),
+    True: ("Clusterpoint", "PointCovariance"),
 }
-"""Types of single measurements."""
-ARCSEC_RESOLUTION = Decimal("1e-9")
-"""Last digit of written seconds of arc: 5·10⁻¹⁵ rad."""
-_DATE = re.compile(r"\d{2}\.\d{2}\.\d{4}", re.ASCII)
+"""Elements of a member and of its covariance with another one: of vectors, of positions."""
 
 
 def read_dynaml(
@@ -98,32 +63,40 @@ def read_dynaml(
     *,
     reference_frames: Literal["transform", "by GDA94", "as is"] = "transform",
     heights: Literal["refuse", "ellipsoidal"] = "refuse",
+    geoid: str | float | None = None,
+    driver: bool = False,
     ellipsoid: str = "GRS80",
 ) -> Network:
     """Read stations and measurements of DynAdjust (DynaML).
 
-    The frame is geocentric. Stations with the constraints ``CCC`` are held, those with ``FFF`` are
-    free; ``CCF`` (latitude, longitude, height) is held by observed components with a standard
-    deviation of 1 µm. Measurements are read as follows; angles are degrees, minutes and seconds as
-    ddd.mmssss, standard deviations of angles seconds of arc.
+    The frame is geocentric. Stations are LLH, LLh, XYZ or UTM; the heights of LLH and UTM are above
+    the geoid. Those with the constraints ``CCC`` are held, those with ``FFF`` are free. Letters
+    follow the coordinates: ``CFF`` is the latitude, of UTM the easting, of XYZ X. One or two of
+    latitude, longitude, height are held by observed components with a standard deviation of 1 µm.
+    Measurements are read as follows; angles are degrees, minutes and seconds as ddd.mmssss,
+    standard deviations of angles seconds of arc.
 
     | type | observation |
     | --- | --- |
     | G, X | `GnssVector`; the vectors of X with a joint covariance |
-    | Y | `GnssPosition`, in XYZ or in latitude, longitude, height |
+    | Y | `GnssPosition`, in XYZ, or LLH or LLh with a covariance in rad² and m² |
     | A | `HorizontalAngle` |
     | D | `Direction`: a set, whose first direction is that to <Second> |
-    | B, K | `Azimuth` |
+    | B, K | `GeodeticAzimuth`, `Azimuth` (astronomic) |
+    | C, E | `EllipsoidDistance`: chord and arc of the ellipsoid |
+    | M | `EllipsoidDistance` at sea level |
     | S | `SlopeDistance` |
     | V, Z | `ZenithAngle`, `VerticalAngle` |
     | I, J | `AstronomicLatitude`, `AstronomicLongitude` |
-    | P, Q, R | one component of a `ControlPoint`: latitude, longitude, ellipsoidal height |
-    | L, H | only with ``heights="ellipsoidal"``: `HeightDifference` and height |
+    | P, Q | one component of a `ControlPoint`: latitude, longitude |
+    | H, R | `EllipsoidHeight`: above the geoid, above the ellipsoid |
+    | L | `EllipsoidHeightDifference` above the geoid |
 
     Covariances are multiplied by ``Vscale``, and by ``Pscale``, ``Lscale``, ``Hscale`` in north,
     east and up at the (first) station. Measurements with ``Ignore`` set leave the network, as in
-    DynAdjust; C, E and M (chords and arcs along the ellipsoid and sea level) are refused.
-    ``Description``, ``PartSource``, ``MeasurementID`` and ``ClusterID`` have no effect.
+    DynAdjust. ``Description``, ``PartSource``, ``MeasurementID`` and ``ClusterID`` have no effect.
+
+    Tried on the networks of DynAdjust (gnss, urban, sa-gnss, and those in which all is ignored).
 
     Args:
         stations: station file, or a combined file with both.
@@ -133,8 +106,13 @@ def read_dynaml(
             into that of the station file at their epoch (ITRF2000 to ITRF2020, GDA94, GDA2020).
             "by GDA94": the same, ITRF2008 by way of GDA94, as DynAdjust 1.0.3 does: 0.2 mm in
             55 km from the other way. "as is": the numbers of the file.
-        heights: orthometric heights and height differences need a geoid, which the file lacks.
-            "ellipsoidal": take them as ellipsoidal, undulations being zero.
+        heights: what to do without a geoid with H, L, M, positions in LLH and constrained heights
+            of stations, which refer to it. "ellipsoidal": undulations are zero.
+        geoid: a grid (.gsb, .gtx, .tif), a table of points (.csv), or the undulation in metres. It
+            reduces heights above the geoid, and where it has deflections of the vertical, those of
+            stations are held at them: A, D, I, J, K, V, Z refer to plumb lines.
+        driver: whether records have stations alone, as files for DynAdjust's simulator do. All
+            values are zero: the network is a plan, with the standard deviations of the simulator.
         ellipsoid: name of the ellipsoid.
 
     Raises:
@@ -142,342 +120,132 @@ def read_dynaml(
     """
     first = Path(stations)
     problems = Problems()
-    files = [XmlSource(first, "DnaXmlFormat", problems)]
+    files = [dynaml_records(first, problems)]
     second = _measurement_file(first, files[0]) if measurements is None else Path(measurements)
     if second is not None:
-        files.append(XmlSource(second, "DnaXmlFormat", problems))
-    network = Network(first.stem, frame=GeocentricFrame(ellipsoid))
-    frame = files[0].root.attributes.get("referenceframe", "GDA2020").upper()
-    transform = reference_frames != "as is"
-    if transform and frame not in TERRESTRIAL_FRAMES:
-        other = f"reference frame {frame!r} is not known; known: {known(TERRESTRIAL_FRAMES)}"
-        used = {e.text.strip().upper() for f in files for e in f.root.walk()
-                if e.tag == "ReferenceFrame" and e.text.strip()}  # fmt: skip
-        if used - {frame}:
-            files[0].wrong(
-                files[0].root.line, f"{other}; reference_frames='as is' takes numbers as is"
-            )
-    reader = DynamlMeasurements(
-        network, frame if transform else "", heights, by_gda94=reference_frames == "by GDA94"
+        files.append(dynaml_records(second, problems))
+    return network_of(
+        files,
+        first.stem,
+        problems,
+        reference_frames=reference_frames,
+        heights=heights,
+        geoid=geoid,
+        driver=driver,
+        ellipsoid=ellipsoid,
+        no_stations=NO_STATIONS_MESSAGE,
     )
-    for file in files:
-        file.refuse_children(file.root, DYNAML_CHILDREN)
-        for element in file.root.all("DnaStation"):
-            _station(file, network, element)
-    if not any(True for file in files for _ in file.root.all("DnaStation")):
-        files[0].wrong(0, NO_STATIONS_MESSAGE)
-    else:  # without stations every measurement would name an unknown one
-        for file in files:
-            for element in file.root.all("DnaMeasurement"):
-                reader.read(file, element)
-    problems.finish(network)
-    return network
 
 
-def _measurement_file(path: Path, file: XmlSource) -> Path | None:
+def _measurement_file(path: Path, file: RecordFile) -> Path | None:
     """Return the measurement file of a station file; None for a combined file."""
-    if next(file.root.all("DnaMeasurement"), None) is not None:
-        return None
-    if path.stem.endswith("stn"):
+    if not file.measurements and path.stem.endswith("stn"):
         other = path.with_name(path.stem.removesuffix("stn") + "msr" + path.suffix)
         if other.is_file():
             return other
     return None
 
 
-def _station(file: XmlSource, network: Network, element: Element) -> None:
-    before = file.problems.count
-    name = file.inside(element, "Name").name()
-    constraints = file.inside(element, "Constraints").name("FFF").upper()
-    kind = file.inside(element, "Type").name("LLH")
-    at = file.child(element, "StationCoord")
-    if len(constraints) != 3 or set(constraints) - {"C", "F"}:
-        what = f"constraints must be three of C and F, such as CCF, not {constraints!r}"
-        file.wrong(element.line, what)
-    if kind not in STATION_TYPES:
-        what = f"type {kind!r} of a station is not read; valid: {', '.join(STATION_TYPES)}"
-        file.wrong(element.line, f"{what} (DynAdjust's dnaimport exports LLH)")
-    own = "" if at is None else file.inside(at, "Name").name(name)
-    if at is not None and own != name:
-        file.wrong(at.line, f"coordinates of {own[:40]!r} in the station {name[:40]!r}")
-    if at is None or file.problems.count > before:
-        return
-    xyz = station_position(file, at, kind, network)
-    if file.problems.count > before:
-        return
-    held = "xyz" if constraints == "CCC" else ""
-    file.attempt(element.line, network.add_point, name, xyz.tolist(), fixed=held)
-    axes = "".join(a for a, c in zip("neu", constraints, strict=True) if c == "C")
-    if not axes or held or file.problems.count > before:
-        return
-    made = file.attempt(
-        element.line,
-        ControlPoint,
-        name,
-        tuple(xyz.tolist()),
-        axes=axes,
-        sigma=(CONSTRAINED_SIGMA_M,) * len(axes),
-        source=file.place(element.line),
-    )
-    if made is not None:
-        file.attempt(element.line, network.add, made)
-
-
-def station_position(file: XmlSource, at: Element, kind: str, network: Network) -> Array:
-    """Return geocentric coordinates (3,) of a station."""
-    if kind == "XYZ":
-        return np.array([file.inside(at, t).number() for t in ("XAxis", "YAxis", "Height")])
-    latitude, longitude = (
-        file.inside(at, tag).number(PACKED_DEGREES) for tag in ("XAxis", "YAxis")
-    )
-    height = file.inside(at, "Height").number()
-    if not abs(latitude) <= math.pi / 2:
-        file.wrong(at.line, "the latitude must be from -90 to 90 degrees")
-    frame = network.frame
-    assert isinstance(frame, GeocentricFrame)
-    angles = (np.array([latitude]), np.array([longitude]), np.array([height]))
-    return np.asarray(frame.ellipsoid.to_cartesian(*angles)[0])
-
-
-@taking(Network)
-def write_dynaml(
-    network: Network,
-    path: str | Path,
-    *,
-    reference_frame: str = "GDA2020",
-    epoch: str = "01.01.2020",
-    heights: Literal["refuse", "ellipsoidal"] = "refuse",
-) -> None:
-    """Write a network as DynaML of DynAdjust, stations and measurements in one file.
-
-    Stations are written as geocentric X, Y, Z with the constraints ``CCC`` (held) or ``FFF``. The
-    inverse of `read_dynaml`, whose table lists the kinds that are written; lengths have 15
-    significant digits, angles 10⁻⁹ seconds.
-
-    Args:
-        network: network in a geocentric frame.
-        path: the file.
-        reference_frame: name of the reference frame of stations and measurements.
-        epoch: epoch of the reference frame, dd.mm.yyyy.
-        heights: "ellipsoidal": height differences are written as type L, whose heights DynAdjust
-            takes as orthometric unless it has no geoid.
+def dynaml_records(path: Path, problems: Problems) -> RecordFile:
+    """Return the records of a file of DynaML.
 
     Raises:
-        InputError: everything that DynaML cannot express. No file has changed.
+        InputError: the file cannot be read, or is no DynaML.
     """
-    refused = Refusals("DynaML")
-    if not isinstance(network.frame, GeocentricFrame):
-        refused.wrong("DynaML needs a network in a geocentric frame", network.name)
-    if not _DATE.fullmatch(epoch):
-        refused.wrong(f"epoch must be dd.mm.yyyy, not {epoch!r}", network.name)
-    refused.parts(network)
-    lines = [
-        '<?xml version="1.0"?>',
-        f'<DnaXmlFormat type="Combined File" referenceframe="{escape(reference_frame)}" '
-        f'epoch="{escape(epoch)}">',
-        *_stations(network, refused),
-    ]
-    clustered = {i for members, _ in network.clusters for i in members}
-    of_sets: dict[tuple[str, str], list[Direction]] = {}
-    for ident, o in network.observations.items():
-        if ident in clustered:
-            continue
-        if isinstance(o, Direction):
-            refused.nothing_of(o, "instrument_height", "target_height", "collimation_error", "face")
-            of_sets.setdefault((o.station, o.set), []).append(o)
-            continue
-        if isinstance(o, ControlPoint) and o.local:
-            lines += _components(o, network, refused)
-            continue
-        lines += _single(o, refused, heights, reference_frame, epoch)
-    for (station, _), directions in of_sets.items():
-        lines += _set(station, directions, refused)
-    for members, covariance in network.clusters:
-        group = [network.observations[m] for m in members]
-        lines += _cluster(group, covariance, refused, reference_frame, epoch)
-    refused.raise_all()
-    target = Path(path)
-    text = "\n".join([*lines, "</DnaXmlFormat>"]) + "\n"
-    write_files(target.parent, {target.name: text})
-
-
-def _stations(network: Network, refused: Refusals) -> list[str]:
-    lines = []
-    for name, p in network.points.items():
-        where = f"point {name!r}"
-        if name != name.strip() or len(name) > MAX_STATION_NAME_CHARACTERS:
-            refused.wrong(
-                f"a name has up to {MAX_STATION_NAME_CHARACTERS} characters, no blanks at ends",
-                where,
-            )
-        if p.sigma is not None:
-            refused.wrong("DynaML has no weighted stations: observe their position (Y)", where)
-        if any(p.fixed) and not all(p.fixed):
-            refused.wrong(f"DynaML cannot hold {p.held} of X, Y, Z alone", where)
-        if not np.isfinite(p.coordinates).all():
-            refused.wrong("DynaML needs approximate coordinates: write the adjusted network", where)
-        x, y, z = (repr(float(v)) for v in p.coordinates)
-        lines += [
-            "  <DnaStation>",
-            f"    <Name>{escape(name)}</Name>",
-            f"    <Constraints>{'CCC' if all(p.fixed) else 'FFF'}</Constraints>",
-            "    <Type>XYZ</Type>",
-            f"    <StationCoord><Name>{escape(name)}</Name><XAxis>{x}</XAxis>"
-            f"<YAxis>{y}</YAxis><Height>{z}</Height></StationCoord>",
-            "  </DnaStation>",
-        ]
-    return lines
-
-
-def packed_angle(angle: float) -> str:
-    """Return an angle, radians, as degrees, minutes and seconds in ddd.mmssss.
-
-    >>> import math
-    >>> packed_angle(-math.radians(36 + 33 / 60 + 48.25 / 3600))
-    '-36.334825'
-    """
-    total = Decimal(repr(abs(float(np.degrees(angle)) * 3600.0))).quantize(ARCSEC_RESOLUTION)
-    degrees, rest = divmod(total, 3600)
-    minutes, seconds = divmod(rest, 60)
-    digits = f"{seconds:012.9f}".replace(".", "").rstrip("0").ljust(2, "0")
-    return f"{'-' if angle < 0 else ''}{int(degrees)}.{int(minutes):02d}{digits}"
-
-
-def _measurement(kind: str, inside: list[str]) -> list[str]:
-    return [
-        "  <DnaMeasurement>",
-        f"    <Type>{kind}</Type>",
-        "    <Ignore/>",
-        *(f"    {line}" for line in inside),
-        "  </DnaMeasurement>",
-    ]
-
-
-def _single(o: Observation, refused: Refusals, heights: str, frame: str, epoch: str) -> list[str]:
-    if isinstance(o, GnssVector) or (isinstance(o, ControlPoint) and o.axes == "xyz"):
-        own = np.diag(np.array(o.sigma) ** 2) if o.covariance is None else o.covariance
-        return _cluster([o], own, refused, frame, epoch)
-    kind = MEASUREMENT_TYPES.get(type(o))
-    if kind is None:
-        what = f"DynaML has no {o.kind.replace('_', ' ')}"
-        refused.wrong(what + (f" of {o.axes}" if isinstance(o, ControlPoint) else ""), o.label())
-        return []
-    if kind == "L" and heights == "refuse":
-        refused.wrong("type L is orthometric; heights='ellipsoidal' writes it", o.label())
-    refused.nothing_of(
-        o, "instrument", "refraction", "index_error", "target2_height", "face", "length_km"
+    file = XmlSource(path, "DnaXmlFormat", problems)
+    file.refuse_children(file.root, DYNAML_CHILDREN)
+    head = file.root.attributes
+    frame, epoch = head.get("referenceframe", ""), head.get("epoch", "")
+    stations = tuple(_station_record(file, e) for e in file.root.all("DnaStation"))
+    measurements = tuple(
+        _measurement_record(file, e, frame, epoch) for e in file.root.all("DnaMeasurement")
     )
-    if kind in "AIJ":
-        refused.nothing_of(o, "instrument_height", "target_height")
-    lengths = kind in "SL"
-    value, sigma = float(o.value), refused.sigma(o)  # type: ignore[attr-defined]
-    tags = ("First", "Second", "Third")
-    inside = [f"<{t}>{escape(n)}</{t}>" for t, n in zip(tags, o.points(), strict=False)]
-    inside += [
-        f"<Value>{value!r}</Value>" if lengths else f"<Value>{packed_angle(value)}</Value>",
-        f"<StdDev>{sigma if lengths else sigma / ARCSEC!r}</StdDev>",
-    ]
-    if kind in "SVZLB":
-        hi, ht = (float(getattr(o, f"{end}_height")) for end in ("instrument", "target"))
-        inside += [f"<InstHeight>{hi!r}</InstHeight>", f"<TargHeight>{ht!r}</TargHeight>"]
-    return _measurement(kind, inside)
+    return RecordFile(file, frame, stations, measurements)
 
 
-def _components(o: ControlPoint, network: Network, refused: Refusals) -> list[str]:
-    """Return P, Q and R: latitude, longitude and ellipsoidal height of a position."""
-    covariance = None if o.covariance is None else np.asarray(o.covariance)
-    if covariance is not None and np.any(covariance - np.diag(np.diag(covariance))):
-        refused.wrong("DynaML has no correlations of latitude, longitude and height", o.label())
-        return []
-    frame = network.frame
-    if not isinstance(frame, GeocentricFrame):
-        return []
-    sigmas = o.sigma if covariance is None else np.sqrt(np.diag(covariance)).tolist()
-    latitude, longitude, height = (
-        float(v) for v in frame.ellipsoid.to_geodetic(np.array(o.value, dtype=float))
+def _station_record(file: XmlSource, element: Element) -> StationRecord:
+    at = file.child(element, "StationCoord") or Element("StationCoord", element.line)
+    name = file.inside(element, "Name")
+    own = file.inside(at, "Name")
+    if not own.is_absent and own.value != name.value:
+        what = f"coordinates of {str(own.value)[:40]!r} in the station {str(name.value)[:40]!r}"
+        file.wrong(at.line, what)
+    return StationRecord(
+        file,
+        element.line,
+        name,
+        file.inside(element, "Constraints"),
+        file.inside(element, "Type"),
+        (file.inside(at, "XAxis"), file.inside(at, "YAxis"), file.inside(at, "Height")),
+        file.inside(at, "HemisphereZone"),
     )
-    m, n = (float(v) for v in frame.ellipsoid.radii(np.array(latitude)))
-    written = {
-        "n": ("P", packed_angle(latitude), ARCSEC * (m + height)),
-        "e": ("Q", packed_angle(longitude), ARCSEC * (n + height) * np.cos(latitude)),
-        "u": ("R", repr(height), 1.0),
-    }
-    lines = []
-    for axis, sigma in zip(o.axes, sigmas or (), strict=True):
-        kind, value, unit = written[axis]
-        inside = [
-            f"<First>{escape(o.point)}</First>",
-            f"<Value>{value}</Value>",
-            f"<StdDev>{float(sigma / unit)!r}</StdDev>",
-        ]
-        lines += _measurement(kind, inside)
-    return lines
 
 
-def _set(station: str, directions: list[Direction], refused: Refusals) -> list[str]:
-    first, *others = directions
-    inside = [
-        f"<First>{escape(station)}</First>",
-        f"<Second>{escape(first.target)}</Second>",
-        f"<Value>{packed_angle(first.value % (2 * np.pi))}</Value>",
-        f"<StdDev>{refused.sigma(first) / ARCSEC!r}</StdDev>",
-        f"<Total>{len(others)}</Total>",
+def _measurement_record(
+    file: XmlSource, element: Element, frame: str, epoch: str
+) -> MeasurementRecord:
+    def inside(tag: str, default: str = "") -> Field:
+        found = file.inside(element, tag)
+        if found.is_absent and default:
+            return file.field(element.line, default, f"<{tag}>")
+        return found
+
+    kind = inside("Type").name()
+    members = tuple(_members(file, element, kind)) if kind in GNSS_TYPES else ()
+    directions = [
+        DirectionRecord(
+            row.line,
+            file.inside(row, "Ignore").name("") == "*",
+            file.inside(row, tag),
+            file.inside(row, "Value"),
+            file.inside(row, "StdDev"),
+        )
+        for row, tag in ((element, "Second"), *((e, "Target") for e in element.all("Directions")))
+        if kind == "D"
     ]
-    inside += [
-        f"<Directions><Ignore/><Target>{escape(o.target)}</Target>"
-        f"<Value>{packed_angle(o.value % (2 * np.pi))}</Value>"
-        f"<StdDev>{refused.sigma(o) / ARCSEC!r}</StdDev></Directions>"
-        for o in others
-    ]
-    return _measurement("D", inside)
+    return MeasurementRecord(
+        file,
+        element.line,
+        kind,
+        inside("Ignore").name("") == "*",
+        (inside("First"), inside("Second"), inside("Third")),
+        inside("Value"),
+        inside("StdDev"),
+        (inside("InstHeight"), inside("TargHeight")),
+        inside("ReferenceFrame", frame),
+        inside("Epoch", epoch),
+        (inside("Vscale"), inside("Pscale"), inside("Lscale"), inside("Hscale")),
+        inside("Coords"),
+        inside("Total"),
+        members,
+        tuple(directions),
+    )
 
 
-def _cluster(
-    group: list[Observation], covariance: Array, refused: Refusals, frame: str, epoch: str
-) -> list[str]:
-    """Return G, X or Y of vectors or positions with a joint covariance."""
-    vectors = [o for o in group if isinstance(o, GnssVector)]
-    positions = [o for o in group if isinstance(o, ControlPoint) and o.axes == "xyz"]
-    if len(group) not in (len(vectors), len(positions)):
-        what = "DynaML has joint covariances of GNSS vectors, or of positions x, y, z, only"
-        refused.wrong(what, group[0].label())
-        return []
-    for o in vectors:
-        refused.nothing_of(o, "instrument_height", "target_height")
-    kind = "Y" if positions else "G" if len(group) == 1 else "X"
-    tag, cross = ("Clusterpoint", "PointCovariance") if positions else (
-        "GPSBaseline", "GPSCovariance")  # fmt: skip
-    inside = [
-        f"<ReferenceFrame>{escape(frame)}</ReferenceFrame>",
-        f"<Epoch>{escape(epoch)}</Epoch>",
-        "<Vscale>1</Vscale><Pscale>1</Pscale><Lscale>1</Lscale><Hscale>1</Hscale>",
-    ]
-    if positions:
-        inside.append("<Coords>XYZ</Coords>")
-    if kind != "G":
-        inside.append(f"<Total>{len(group)}</Total>")
-    members: list[GnssVector | ControlPoint] = [*vectors, *positions]
-    for i, member in enumerate(members):
-        inside += [
-            f"<{t}>{escape(n)}</{t}>"
-            for t, n in zip(("First", "Second"), member.points(), strict=False)
-        ]
-        x, y, z = (float(v) for v in member.value)
-        inside += [f"<{tag}>", f"  <X>{x!r}</X><Y>{y!r}</Y><Z>{z!r}</Z>"]
-        inside.append("  " + "".join(
-            f"<Sigma{a}{b}>{float(covariance[3 * i + j, 3 * i + k])!r}</Sigma{a}{b}>"
-            for j, a in enumerate("XYZ") for k, b in enumerate("XYZ") if k >= j
-        ))  # fmt: skip
-        for other in range(i + 1, len(group)):
-            block = covariance[3 * i : 3 * i + 3, 3 * other : 3 * other + 3]
-            cells = "".join(
-                f"<m{j + 1}{k + 1}>{float(block[j, k])!r}</m{j + 1}{k + 1}>"
-                for j in range(3)
-                for k in range(3)
-            )
-            inside.append(f"  <{cross}>{cells}</{cross}>")
-        inside.append(f"</{tag}>")
-    return _measurement(kind, inside)
+def _members(file: XmlSource, element: Element, kind: str) -> Iterator[MemberRecord]:
+    """Yield the members of a cluster; a problem where their stations are not as many."""
+    tag, cross = MEMBER_TAGS[kind == "Y"]
+    nodes = list(element.all(tag))
+    firsts, seconds = (list(element.all(t)) for t in ("First", "Second"))
+    wanted = [firsts] if kind == "Y" else [firsts, seconds]
+    if not nodes or any(len(names) != len(nodes) for names in wanted):
+        counts = f"{len(firsts)} <First>, {len(seconds)} <Second>, {len(nodes)} measured"
+        if file.inside(element, "Ignore").name("") != "*":
+            what = f"type {kind} needs as many stations as vectors: {counts}"
+            file.wrong(element.line, what)
+        return
+    for i, node in enumerate(nodes):
+        yield MemberRecord(
+            node.line,
+            file.inside(firsts[i]),
+            file.inside(seconds[i] if kind != "Y" else firsts[i]),
+            (file.inside(node, "X"), file.inside(node, "Y"), file.inside(node, "Z")),
+            tuple(file.inside(node, f"Sigma{ab}") for ab in ("XX", "XY", "XZ", "YY", "YZ", "ZZ")),
+            tuple(
+                tuple(file.inside(c, f"m{row}{column}") for row in "123" for column in "123")
+                for c in node.all(cross)
+            ),
+        )
 
 
 READER = Reader(

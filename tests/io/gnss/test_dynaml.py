@@ -10,7 +10,7 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.crs.terrestrial_frames import frame_transformation
-from factorgraph_adj.io.gnss.dynaml import packed_angle
+from factorgraph_adj.io.gnss.dynaml_writer import packed_angle
 from factorgraph_adj.units import ARCSEC
 from tests.hostile.readers import judge
 from tests.support.places import data_dir
