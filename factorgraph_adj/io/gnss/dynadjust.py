@@ -74,6 +74,7 @@ MEASUREMENT_COLUMNS: dict[str, Columns] = {
 ANGLE = ("degrees", "minutes", "seconds")
 SCALES = ("vscale", "pscale", "lscale", "hscale")
 COVARIANCE = ("vcv1", "vcv2", "vcv3")
+ACCURACY = ("sigma", "instrument", "height")
 HEIGHT_TYPES = ("S", "V", "Z")
 """Types whose lines have heights of instrument and target."""
 FRAME = ("frame", "epoch")
@@ -84,6 +85,7 @@ NAMES = {
     "vcv3": "third covariance", "vscale": "scale V", "pscale": "scale P", "lscale": "scale L",
     "hscale": "scale H", "frame": "reference frame", "sigma": "standard deviation",
     "instrument": "height of the instrument", "height": "height of the target",
+    "id": "identifier", "cluster": "identifier of the cluster",
 }  # fmt: skip
 """Names of fields in messages; others are called by their key."""
 HEADER = re.compile(r"!#=DNA\s+(?P<version>\S+)\s+(?P<kind>STN|MSR)\b", re.IGNORECASE)
@@ -280,26 +282,32 @@ class _Lines:
         Files of DynAdjust itself have the heights a column beside theirs, which cuts a number:
         three numbers are taken in their order, fewer by their columns.
         """
-        text = self.source.lines[line - 1]
-        names = ("sigma", "instrument", "height")
-        begin, width = self.accuracy
-        words = text[begin : begin + width].split()
-        if len(words) == len(names):
-            found = [
-                self.source.field(line, w, NAMES[n]) for w, n in zip(words, names, strict=True)
-            ]
+        text, words = self.source.lines[line - 1], self._words(line)
+        if len(words) == len(ACCURACY):
+            pairs = zip(words, ACCURACY, strict=True)
+            found = [self.source.field(line, w, NAMES[n]) for w, n in pairs]
             return found[0], found[1], found[2]
-        for name in names[1:]:
+        for name in ACCURACY[1:]:
             edge = self.columns[name][0]
             if len(text) > edge and text[edge - 1 : edge + 1].strip() == text[edge - 1 : edge + 1]:
                 self.source.wrong(line, f"a number goes on beyond column {edge}, where it must end")
-        return self._field(line, names[0]), self._field(line, names[1]), self._field(line, names[2])
+        sigma, instrument, target = (self._field(line, n) for n in ACCURACY)
+        return sigma, instrument, target
+
+    def _words(self, line: int) -> list[str]:
+        """Return the words from the standard deviation to the heights."""
+        begin, width = self.accuracy
+        return self.source.lines[line - 1][begin : begin + width].split()
 
     def _check(self, line: int, *used: str, area: tuple[int, int] = (0, 0)) -> None:
         """Note text outside of the columns of some fields, of an area, of type and switch."""
         text = self.source.lines[line - 1]
-        columns = [(0, 2), area, *(self.columns[n] for n in (*used, *IDS))]
-        _refuse_between(self.source, line, text, columns)
+        columns = [(0, 2), area, *(self.columns[n] for n in used)]
+        end = max(map(sum, columns))
+        ids = [n for n in IDS if self.columns[n][0] >= end]  # in version 1.00 others overlap them
+        _refuse_between(self.source, line, text, [*columns, *(self.columns[n] for n in ids)])
+        for name in ids:
+            self._field(line, name).integer(default=0)
 
     def _measurement(self, line: int, text: str) -> MeasurementRecord:
         kind = text[:1].upper()
@@ -326,7 +334,8 @@ class _Lines:
         else:
             used = [*stations[:count], *self.last, *(ANGLE if angular else ("length",))]
             if kind in HEIGHT_TYPES:
-                self._check(line, *used, area=self.accuracy)
+                area = self.accuracy if len(self._words(line)) == len(ACCURACY) else (0, 0)
+                self._check(line, *used, *ACCURACY, area=area)
             elif kind.isalpha():
                 self._check(line, *used, "sigma")
         absent = self.source.field(line, None, "second target")

@@ -256,6 +256,7 @@ class DynadjustMeasurements:
     ) -> tuple[Array, Array]:
         """Return values and covariance in the reference frame of the stations."""
         name = m.frame.name("").upper()
+        epoch = math.nan if m.epoch.is_absent else _year(m.epoch)
         if not self.frame or not name or name == self.frame:
             return values, covariance
         if name not in TERRESTRIAL_FRAMES:
@@ -264,7 +265,8 @@ class DynadjustMeasurements:
                 m.line, f"{what}; reference_frames='as is' takes the numbers as they are"
             )
             return values, covariance
-        epoch = _year(m.epoch)
+        if m.epoch.is_absent:
+            m.epoch.name()  # the problem that it is missing
         if math.isnan(epoch) or self.frame not in TERRESTRIAL_FRAMES:
             return values, covariance
         matrix, shift = frame_transformation(name, self.frame, epoch, by_gda94=self.by_gda94)

@@ -91,15 +91,17 @@ def network(tmp_path: Path) -> fga.Network:
 def test_every_type_is_read(network: fga.Network) -> None:
     kinds = [o.kind for o in network.observations.values()]
     assert kinds == [
-        *("control", "gnss_vector", "slope_distance", "zenith_angle", "vertical_angle", "azimuth"),
-        *("horizontal_angle", "direction", "direction", "control", "control", "control"),
-        *("astronomic_latitude", "astronomic_longitude"),
+        *("control", "gnss_vector", "slope_distance", "zenith_angle", "vertical_angle"),
+        *("geodetic_azimuth", "horizontal_angle", "direction", "direction", "ellipsoid_height"),
+        *("control", "control", "astronomic_latitude", "astronomic_longitude"),
     ]
     by_kind = {o.kind: o for o in network.observations.values()}
     assert by_kind["zenith_angle"].value == pytest.approx(
         math.radians(91 + 15 / 60 + 30.123 / 3600)
     )  # type: ignore[attr-defined]
-    assert by_kind["azimuth"].value == pytest.approx(math.radians(123 + 30 / 60 + 30.5 / 3600))  # type: ignore[attr-defined]
+    assert by_kind["geodetic_azimuth"].value == pytest.approx(
+        math.radians(123 + 30 / 60 + 30.5 / 3600)
+    )  # type: ignore[attr-defined]
     assert by_kind["direction"].sigma == pytest.approx(1.5 * ARCSEC)  # type: ignore[attr-defined]
     assert by_kind["slope_distance"].instrument_height == 1.5  # type: ignore[attr-defined]
     assert by_kind["slope_distance"].source.startswith("combined.xml:")  # type: ignore[attr-defined]
@@ -109,16 +111,12 @@ def test_every_type_is_read(network: fga.Network) -> None:
 def test_components_of_stations_are_observed_in_their_horizon(network: fga.Network) -> None:
     """CCF holds B in plan to 1 µm; P, Q, R are latitude, longitude and height of C."""
     controls = [o for o in network.observations.values() if isinstance(o, fga.ControlPoint)]
-    assert [(o.point, o.axes) for o in controls] == [
-        ("B", "ne"),
-        ("C", "u"),
-        ("C", "n"),
-        ("C", "e"),
-    ]
-    height, latitude, longitude = controls[1:]
+    assert [(o.point, o.axes) for o in controls] == [("B", "ne"), ("C", "n"), ("C", "e")]
+    latitude, longitude = controls[1:]
+    (height,) = (o for o in network.observations.values() if isinstance(o, fga.EllipsoidHeight))
     frame = network.frame
     assert isinstance(frame, fga.GeocentricFrame)
-    assert frame.ellipsoid.to_geodetic(np.array(height.value))[2] == pytest.approx(120.25, abs=1e-8)
+    assert (height.point, height.value, height.sigma, height.surface) == ("C", 120.25, 0.01, 0.0)
     m, n = frame.ellipsoid.radii(np.array(math.radians(-36.508333)))
     assert latitude.sigma == pytest.approx([0.5 * ARCSEC * (m + 120.0)], rel=1e-6)
     across = (n + 120.0) * math.cos(math.radians(36.508333))
@@ -144,10 +142,14 @@ def test_orthometric_heights_are_an_option(tmp_path: Path) -> None:
     text = (
         HEAD + STATIONS + sight("L", "A", "C", "20.5", 0.002) + of_station("H", "C", "120.5", 0.1)
     )
-    with pytest.raises(fga.InputError, match="orthometric height, and the file has no geoid"):
+    with pytest.raises(fga.InputError, match="type L refers to the geoid, and the file has no"):
         read(tmp_path, text + TAIL)
-    network = read(tmp_path, text + TAIL, heights="ellipsoidal")
-    assert [o.kind for o in network.observations.values()][1:] == ["height_difference", "control"]
+    kinds = ["ellipsoid_height_difference", "ellipsoid_height"]
+    for options, surface in (({"heights": "ellipsoidal"}, 0.0), ({"geoid": 4.5}, 4.5)):
+        network = read(tmp_path, text + TAIL, **options)
+        difference, height = list(network.observations.values())[1:]
+        assert [difference.kind, height.kind] == kinds
+        assert (difference.station_surface, height.surface) == (surface, surface)  # type: ignore[attr-defined]
 
 
 def test_itrf2014_moves_with_the_plate_and_gda2020_does_not() -> None:
@@ -177,12 +179,14 @@ def test_there_and_back_between_frames() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("<Type>S</Type>", "<Type>E</Type>", "type E is an arc along the ellipsoid"),
-        ("<Type>S</Type>", "<Type>W</Type>", "unknown type 'W'; valid: G, X, Y, A, D, S"),
+        ("<Type>S</Type>", "<Type>M</Type>", "type M refers to the geoid, and the file has no"),
+        ("<Type>S</Type>", "<Type>W</Type>", "unknown type 'W'; valid: A, B, C, D, E, G, H"),
         ("<Second>C</Second>", "<Second>X</Second>", "unknown point 'X'"),
         ("91.1530123", "91.6530123", "has 60 or more minutes or seconds; packed degrees"),
-        ("CCF", "CXF", "constraints must be three of C and F"),
-        ("<Type>LLh</Type>", "<Type>UTM</Type>", "type 'UTM' of a station is not read"),
+        ("CCF", "CXF", "<Constraints> must be three of C and F"),
+        ("<Type>LLh</Type>", "<Type>UTM</Type>", "<Type> UTM has an orthometric height, which"),
+        ("<Type>LLh</Type>", "<Type>ENU</Type>", "<Type> ENU has no origin in the file"),
+        ("<Type>LLh</Type>", "<Type>LLZ</Type>", "<Type> 'LLZ' is not read; valid: LLH, LLh"),
         ("<SigmaZZ>9e-6", "<SigmaZZ>-9e-6", "must have positive variances"),
         ("<Value>1000.125</Value>", "", "<Value> of <DnaMeasurement> is missing; valid: a number"),
         ("<Description/>", "<Colour/>", "<Colour> cannot be in <DnaStation>"),
@@ -301,7 +305,7 @@ def test_components_of_stations_are_written_and_read_again(
         return out
 
     one, other = found(network), found(again)
-    assert len(one) == 5
+    assert len(one) == 4
     assert [x[:2] for x in one] == [x[:2] for x in other]
     for (_, _, value, sigma), (_, _, value2, sigma2) in zip(one, other, strict=True):
         assert value2 == pytest.approx(value, abs=1e-14, rel=1e-15)
