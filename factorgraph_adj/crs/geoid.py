@@ -69,7 +69,8 @@ class SubGrid:
 
         The polynomial of a cell has the nodes' values, and slopes that are central differences
         (Catmull and Rom 1974); beyond the edge the nodes go on linearly. DynAdjust interpolates
-        in the same way.
+        in the same way where two cells and more lie between the place and the edge; nearer to it
+        its slopes jump, by 4.5 mm in the undulations of its network urban.
 
         Args:
             latitude: (n,) radians.

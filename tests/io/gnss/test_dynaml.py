@@ -320,3 +320,15 @@ def test_correlated_components_are_refused(tmp_path: Path) -> None:
     network.add(fga.ControlPoint("A", at, axes="ne", covariance=covariance))
     with pytest.raises(fga.InputError, match="no correlations of latitude"):
         fga.write_dynaml(network, tmp_path / "no.xml")
+
+
+@pytest.mark.parametrize("year", [1988, 1989, 1990, 1991, 1992, 1993, 1994, 1996])
+@pytest.mark.parametrize("epoch", [1994.0, 2010.0, 2020.5])
+def test_older_frames_are_those_of_proj(year: int, epoch: float) -> None:
+    """The file ITRF2014 of PROJ, from the tables of the IGN: 10 µm (ITRF1997 is mistyped there)."""
+    proj = pytest.importorskip("pyproj")
+    step = proj.Transformer.from_pipeline(f"+init=ITRF2014:ITRF{year % 100}")
+    xyz = np.array([-4052052.7379, 4212835.9897, -2545104.5898])
+    matrix, shift = frame_transformation("ITRF2014", f"ITRF{year}", epoch)
+    expected = step.transform(*xyz, epoch)[:3]
+    np.testing.assert_allclose(matrix @ xyz + shift, expected, rtol=0, atol=1e-5)
