@@ -155,11 +155,11 @@ class DynadjustMeasurements:
         at = [self._at(m.source, r.line, e[0]) for r, e in zip(members, ends, strict=True)]
         if self.problems.count > before:
             return
-        places = np.array(at)
+        places = np.array(at, dtype=float)
         if self.driver:
             values = places if kind == "Y" else np.zeros((len(members), 3))
-            covariance = np.kron(np.eye(len(members)), _symmetric(SIMULATED_VECTOR_M2))
-            covariance *= 10.0 if kind == "Y" else 1.0
+            own = _symmetric(SIMULATED_VECTOR_M2) * (10.0 if kind == "Y" else 1.0)
+            covariance: Array = np.asarray(np.kron(np.eye(len(members)), own), dtype=np.float64)
         else:
             values, to_xyz = self._values(m, [e[0] for e in ends])
             covariance = to_xyz @ self._covariance(m) @ to_xyz.T
@@ -172,13 +172,13 @@ class DynadjustMeasurements:
             return
         found: list[Observation] = []
         for i, (r, names) in enumerate(zip(members, ends, strict=True)):
-            own = slice(3 * i, 3 * i + 3)
+            rows = slice(3 * i, 3 * i + 3)
             made = m.source.attempt(
                 r.line,
                 GnssPosition if kind == "Y" else GnssVector,
                 *names,
                 tuple(values[i].tolist()),
-                covariance=covariance[own, own],
+                covariance=covariance[rows, rows],
                 source=m.source.place(r.line),
             )
             if made is not None:
@@ -319,18 +319,16 @@ class DynadjustMeasurements:
         if m.kind in ORTHOMETRIC_TYPES:
             ends = zip(("station_surface", "target_surface"), names, strict=True)
             surfaces = {end: self.stations.undulations.get(name, 0.0) for end, name in ends}
+        make: Callable[..., AnyObservation]
         if m.kind == "A":
-            self._add(m.source, m.line, partial(HorizontalAngle, *names, value, **more))
+            make = HorizontalAngle
         elif m.kind == "L":
-            more |= {**heights, **surfaces}
-            self._add(m.source, m.line, partial(EllipsoidHeightDifference, *names, value, **more))
+            make, more = EllipsoidHeightDifference, {**more, **heights, **surfaces}
         elif m.kind in DISTANCE_LINES:
-            more |= {"line": DISTANCE_LINES[m.kind], **surfaces}
-            self._add(m.source, m.line, partial(EllipsoidDistance, *names, value, **more))
+            make, more = EllipsoidDistance, {**more, "line": DISTANCE_LINES[m.kind], **surfaces}
         else:
-            self._add(
-                m.source, m.line, partial(SIGHT_KINDS[m.kind], *names, value, **more, **heights)
-            )
+            make, more = SIGHT_KINDS[m.kind], {**more, **heights}
+        self._add(m.source, m.line, partial(make, *names, value, **more))
 
     def _directions(self, m: MeasurementRecord) -> None:
         before = self.problems.count

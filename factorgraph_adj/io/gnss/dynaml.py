@@ -235,12 +235,15 @@ def _members(file: XmlSource, element: Element, kind: str) -> Iterator[MemberRec
             file.wrong(element.line, what)
         return
     for i, node in enumerate(nodes):
+        xx, xy, xz, yy, yz, zz = (
+            file.inside(node, f"Sigma{ab}") for ab in ("XX", "XY", "XZ", "YY", "YZ", "ZZ")
+        )
         yield MemberRecord(
             node.line,
             file.inside(firsts[i]),
             file.inside(seconds[i] if kind != "Y" else firsts[i]),
             (file.inside(node, "X"), file.inside(node, "Y"), file.inside(node, "Z")),
-            tuple(file.inside(node, f"Sigma{ab}") for ab in ("XX", "XY", "XZ", "YY", "YZ", "ZZ")),
+            (xx, xy, xz, yy, yz, zz),
             tuple(
                 tuple(file.inside(c, f"m{row}{column}") for row in "123" for column in "123")
                 for c in node.all(cross)
