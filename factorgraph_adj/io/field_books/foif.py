@@ -15,7 +15,7 @@ from typing import Any
 from ...network.network import Network
 from ...units import ANGLE
 from ..format_reader import NetworkReader, Reader
-from ..source import LeftOutReason, TextSource
+from ..source import TextSource
 from ..text_files import file_beginning
 from .accuracies import DEFAULT_ACCURACIES, Accuracies
 from .field_book import FieldBook
@@ -43,6 +43,10 @@ FOIF_RECORDS = {
         *PLACE,
         RecordField("height", "height of the instrument", read_length, default=NEEDED),
     ),
+    "C": (
+        RecordField("point", "reference", read_name, default=NEEDED),
+        RecordField("direction", "horizontal reading", read_angle, default=NEEDED),
+    ),
     "B": (
         RecordField("point", "reference", read_name, default=NEEDED),
         RecordField("", "instruction", lambda field, scales: None),
@@ -61,12 +65,8 @@ FOIF_RECORDS = {
 }
 """Fields behind the letter that are read; marks, date and hour follow."""
 FOIF_RECORDS |= {"H": FOIF_RECORDS["B"], "G": FOIF_RECORDS["F"]}
-FOIF_LETTERS = {**{k: k for k in FOIF_RECORDS}, "C": "", "D": "", "E": "", "U": ""}
+FOIF_LETTERS = {**{k: k for k in FOIF_RECORDS}, "D": "", "E": "", "U": ""}
 """Letters of records; those without a text are not read."""
-ORIENTATION_READINGS = LeftOutReason(
-    "readings to references",
-    "the circle may have been set by them: sights of the same target count",
-)
 _RECOGNISED = re.compile(
     rb" [^,\n]+,\d+,\d+,\d+,\d+,\d+,\d+,\d+,\d+,[^\n]*\r?\n\s*(?:A|B|U),[^,\n]+,", re.ASCII
 )
@@ -86,9 +86,9 @@ def read_foif(
     distance of 0 was not measured. Coordinates of stations and references are approximate ones,
     held where ``fixed`` names them; 0, 0, 0 is unknown. Horizontal distance,
     height difference and coordinates of a sight are results of the instrument, in its orientation
-    and with its corrections, and are not used. The reading to a reference (C) is left out, since
-    the circle may be set by it. Not read: the first line, orientations (D, E), marks of targets
-    (U), marks, dates and hours at the end of records.
+    and with its corrections, and are not used. The reading to a reference (C) counts where no
+    sight of its set-up has a direction to it. Not read: the first line, orientations (D, E), marks
+    of targets (U), marks, dates and hours at the end of records.
 
     Tried on two field books of GeoEasy: coordinates of their sights to 0.1 mm.
 
@@ -114,13 +114,11 @@ def read_foif(
 def _read_record(book: FieldBook, line: int, cells: list[str]) -> None:
     source = book.source
     letter = source.field(line, cells[0], "record").choice(FOIF_LETTERS)
-    if cells[0] == "C" and len(cells) > 1 and cells[1] != NO_TARGET:
-        source.leave_out(line, ORIENTATION_READINGS, cells[1])
     if not letter:
         return
     fields = FOIF_RECORDS[letter]
     given = cells[1 : 1 + len(fields)]
-    if letter in "BH" and given[:1] == [NO_TARGET]:
+    if letter in "BHC" and given[:1] == [NO_TARGET]:
         return
     problems = source.problems.count
     found = read_record(fields, given, source, line, FOIF_SCALES)
@@ -130,6 +128,9 @@ def _read_record(book: FieldBook, line: int, cells: list[str]) -> None:
     if letter in "FG":
         _sight(book, line, name, found)
         return
+    if letter == "C":
+        book.backsight(line, name, found["direction"])
+        return
     if any(found[n] for n in ("north", "east", "up")):
         book.point(line, name, found["east"], found["north"], found["up"])
     if letter == "A":
@@ -138,13 +139,12 @@ def _read_record(book: FieldBook, line: int, cells: list[str]) -> None:
 
 def _sight(book: FieldBook, line: int, name: str, found: dict[str, Any]) -> None:
     """Note a sight; horizontal distance, height difference and coordinates are derived."""
-    distance = found["distance"]
     book.sight(
         line,
         name,
         direction=found["direction"],
         zenith=found["zenith"],
-        distance=distance or None,
+        distance=found["distance"],
         target_height=found["target_height"],
     )
 

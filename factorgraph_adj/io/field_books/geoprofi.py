@@ -146,14 +146,12 @@ class _Reader:
         elif letters == "JM":
             self.target_height = found["height"] or 0.0
         else:
-            if found["direction"] is found["zenith"] is found["distance"] is None:
-                source.wrong(line, "a sight without a reading")
             self.book.sight(
                 line,
                 found["target"],
                 direction=found["direction"],
                 zenith=found["zenith"],
-                distance=found["distance"] or None,
+                distance=found["distance"],
                 target_height=self.target_height,
             )
 

@@ -107,27 +107,13 @@ def read_geozseni(
 
 
 def _sight(book: FieldBook, line: int, found: dict[str, Any]) -> None:
-    """Note the readings of both faces, or their means where there is only one."""
-    in_faces = [
-        {name: found[f"{name} {face}"] for name, _, _ in GEOZSENI_READINGS} for face in (1, 2)
-    ]
-    means = {name: found[f"{name} 0"] for name, _, _ in GEOZSENI_READINGS}
-    faces = {1: in_faces[0], 2: in_faces[1]}
-    if all(v is None for readings in in_faces for v in readings.values()):
-        faces = {1: means}
-    if all(v is None for readings in faces.values() for v in readings.values()):
-        book.source.wrong(line, "a sight without a reading")
-    for face, readings in faces.items():
-        if any(v is not None for v in readings.values()):
-            distance = readings["distance"] or None
-            height = found["height"]
-            book.sight(
-                line,
-                found["target"],
-                **{**readings, "distance": distance},
-                target_height=height,
-                face=face,
-            )
+    """Note the readings of both faces, or their means where there is none of a face."""
+    one, two, mean = (
+        {name: found[f"{name} {face}"] for name, _, _ in GEOZSENI_READINGS} for face in (1, 2, 0)
+    )
+    given = {face: r for face, r in ((1, one), (2, two)) if any(v is not None for v in r.values())}
+    for face, readings in (given or {1: mean}).items():
+        book.sight(line, found["target"], **readings, target_height=found["height"], face=face)
 
 
 def is_geozseni(path: Path) -> bool:

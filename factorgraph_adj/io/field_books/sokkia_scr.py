@@ -285,7 +285,7 @@ class _Reader:
                 name,
                 direction=circle(found["direction"]),
                 zenith=vertical(found["vertical"]),
-                distance=found.get("distance") or None,
+                distance=found.get("distance"),
                 target_height=found["target_height"],
             )
 

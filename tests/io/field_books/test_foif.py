@@ -75,23 +75,27 @@ def test_a_station_at_the_origin_is_unknown_and_a_default_reference_is_none(tmp_
     assert {o.kind for o in network.observations.values()} == {"direction", "zenith_angle"}
 
 
-def test_the_reading_to_a_reference_is_left_out_and_named(tmp_path):
+def test_the_reading_to_a_reference_counts_where_no_sight_has_one(tmp_path):
     rows = [
         "A,S,0.0000,0.0000,0.0000,1.5," + TIME,
         "B,A,------,1.0000,2.0000,3.0000,0," + TIME,
         "C,A,512737,643092,42.9746,42.9776,0.5112,1.6450,13.8,40.6,0.4,0," + TIME,
         "C,DEFAULT,512737,643092,0.0000,0.0000,0.0000,0.0000,0.0,0.0,0.0,1," + TIME,
-        "F,A,512743,643094,42.9746,42.9776,0.5112,1.6450,13.8,40.6,0.4,0," + TIME,
+        "F,P,522743,643094,42.9746,42.9776,0.5112,1.6450,13.8,40.6,0.4,0," + TIME,
     ]
-    network = book(tmp_path, *rows)
+    alone = book(tmp_path, *rows)
+    of = {o.target: o.value for o in alone.observations.values() if o.kind == "direction"}
+    assert of == {"P": 522743 * HALF_SECOND, "A": 512737 * HALF_SECOND}
+    network = book(tmp_path, *rows, rows[-1].replace("P,522743", "A,512743"))
     assert [(r.names, r.count, r.where) for r in network.left_out] == [(("A",), 1, "b.mes:4")]
-    assert len(network.observations) == 3
+    of = {o.target: o.value for o in network.observations.values() if o.kind == "direction"}
+    assert of["A"] == 512743 * HALF_SECOND
 
 
 @pytest.mark.parametrize(
     ("row", "said"),
     [
-        ("X,P,1", "record 'X' is unknown; valid: A, B, F, H, G, C, D, E, U"),
+        ("X,P,1", "record 'X' is unknown; valid: A, C, B, F, H, G, D, E, U"),
         ("A,S,0.0,0.0,0.0", "height of the instrument is missing"),
         ("F,P,1,2,3,x,5,6,7,8,9", "slope distance: 'x' is not a number"),
         ("F,P,1,2,3,4,5,6,7,8,9", "1 sight from here has no station"),

@@ -84,7 +84,6 @@ def test_an_empty_target_height_is_none(tmp_path):
     [
         ("XX 1\n", "record 'XX' is unknown; valid: AP, JM, KE, RP, MT, AR, FN, DT"),
         (sight("RP", "2", "1.6000", "90.0000"), "horizontal reading: '1.6000' has 60 or more"),
-        (sight("RP", "2", "", ""), "a sight without a reading"),
         (sight("RP", "2", "273.5304", "90.0000").replace("273", " 273"), "column 36 must be blank"),
         (sight("RP", "2345678901234", "10.0000", "90.0000"), "column 16 must be blank, not '4'"),
     ],
