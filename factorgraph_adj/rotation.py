@@ -84,6 +84,18 @@ def nearest_rotation(h: Array, *, mirrored: bool = False) -> Array:
     return np.asarray(u @ vt)
 
 
+def rotation_of_quaternion(q: Array) -> Array:
+    """Return the rotation (3, 3) of a quaternion w, x, y, z of length 1, (4,)."""
+    w, x, y, z = q
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
 def skew(w: Array) -> Array:
     """Return [w]× (..., 3, 3) with [w]× a = w × a, for w (..., 3)."""
     out = np.zeros((*w.shape[:-1], 3, 3))

@@ -89,6 +89,11 @@ SIGNATURES: tuple[Signature, ...] = (
         "of COLMAP, give the folder of the sparse model and database= as an option",
         r"\ASQLite format 3\x00",
     ),
+    Signature(
+        "a part of a COLMAP model, whose other files are missing",
+        "give the folder with cameras, images and points3D",
+        r"\A# (Camera|Image|3D point|Rig calib|Frame) list with (one|two) lines? of data per ",
+    ),
     Signature("layers in KML", A_DRAWING, r"<kml\b"),
     Signature("tracks in GPX", "positions without accuracies are not adjusted", r"<gpx\b"),
     Signature("observations in RINEX", RAW_GNSS, r"\A.{60}RINEX VERSION / TYPE"),

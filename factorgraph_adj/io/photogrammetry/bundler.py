@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import bz2
 import gzip
+import re
 import warnings
 import zlib
 from collections.abc import Callable
@@ -54,6 +55,13 @@ from .block_source import (
 BAL_SIGMA_PX = 1.0
 """Standard deviation of an image coordinate, pixels; the cost of the format, ½ vᵀv, implies 1."""
 HEAD_NUMBERS, NUMBERS_PER_OBSERVATION, NUMBERS_PER_CAMERA, NUMBERS_PER_POINT = 3, 4, 9, 3
+_BAL_BEGINNING = re.compile(
+    rb"\s*[1-9]\d*(?:[ \t]+[1-9]\d*){2}\s+\d+\s+\d+"
+    rb"(?:\s+[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?){2}[ \t]*(?:\r?\n|$)"
+)
+"""Numbers of cameras, points and observations on a line, and the first observation."""
+UNPACKED_BEGINNING = 1000
+"""Number of unpacked bytes by which a packed file is recognised."""
 BUNDLER_HEAD = "# Bundle file v0."
 """Beginning of the first line."""
 LINES_PER_CAMERA, LINES_PER_POINT = 5, 3
@@ -342,6 +350,21 @@ def read_bundler(
     return network
 
 
+def is_bal(path: Path) -> bool:
+    """Return whether a file, perhaps packed, begins as a problem of BAL."""
+    beginning = file_beginning(path)
+    try:
+        if path.suffix == ".bz2":
+            beginning = bz2.BZ2Decompressor().decompress(beginning, UNPACKED_BEGINNING)
+        elif path.suffix == ".gz":
+            beginning = zlib.decompressobj(zlib.MAX_WBITS | 16).decompress(
+                beginning, UNPACKED_BEGINNING
+            )
+    except (OSError, EOFError, zlib.error):
+        return False
+    return _BAL_BEGINNING.match(beginning) is not None
+
+
 def is_bundler(path: Path) -> bool:
     """Tell whether a file is one of Bundler."""
     return file_beginning(path, 100).lstrip().startswith(BUNDLER_HEAD.encode())
@@ -450,6 +473,7 @@ BAL_READER = Reader(
     (".txt", ".txt.bz2", ".txt.gz"),
     "Bundle Adjustment in the Large",
     NetworkReader(read_bal),
+    recognises=is_bal,
 )
 READER = Reader(
     "bundler",

@@ -50,10 +50,15 @@ RepeatedChoice = Literal["refuse", "leave out"]
 """What to do with several measurements of a point in one image."""
 MOUNT_ANGLES, MOUNT_ARM = ("rx", "ry", "rz"), ("x", "y", "z")
 MODEL_TABLES = ("cameras", "images", "points3D")
+MODEL_FILES = (*MODEL_TABLES, "rigs", "frames")
+"""Files of a model by which its folder is known."""
 
 
 def is_colmap(path: Path) -> bool:
-    """Return whether a folder has the files of a sparse model."""
+    """Return whether a folder has the files of a sparse model, or a file is one of these."""
+    if path.is_file():
+        own = path.stem in MODEL_FILES and path.suffix in (".bin", ".txt")
+        return own and is_colmap(path.parent)
     return any(
         all((path / f"{name}{suffix}").is_file() for name in MODEL_TABLES)
         for suffix in (".bin", ".txt")
@@ -74,6 +79,9 @@ def read_sparse_model(folder: Path) -> SparseModel:
             return model
     inside = sorted(p.parent for p in folder.glob("*/images.*")) if folder.is_dir() else []
     inside += sorted(p.parent for p in folder.glob("*/*/images.*")) if folder.is_dir() else []
+    if folder.is_file():
+        what = f"is no sparse model: give the folder that has {', '.join(MODEL_TABLES)}"
+        raise InputError(Problem(what, str(folder)))
     what = f"has no sparse model: {', '.join(f'{n}.bin or {n}.txt' for n in MODEL_TABLES)}"
     models = list(dict.fromkeys(str(p) for p in inside if is_colmap(p)))
     if models:
@@ -110,7 +118,7 @@ def read_colmap(
 
     Args:
         path: the folder with cameras, images and points3D (and rigs, frames), ``.bin`` or
-            ``.txt``.
+            ``.txt``; or one of these files, which stands for its folder.
         sigma: standard deviation of image coordinates, pixels; COLMAP states none.
         sigma_by_scale: database of COLMAP with the keypoints: σ of a measurement is ``sigma`` times
             the scale of its keypoint, divided by the median scale of all measurements.
@@ -142,6 +150,8 @@ def read_colmap(
     if not (isinstance(sigma, int | float) and 0 < sigma < np.inf):
         raise InputError(f"sigma must be greater than zero, pixels, not {sigma!r}")
     folder = Path(path)
+    if folder.is_file() and is_colmap(folder):
+        folder = folder.parent
     model = read_sparse_model(folder)
     tables = ModelTables.read(control, marks, priors, model, unregistered)
     by_scale = None

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...errors import known
+from ...rotation import rotation_of_quaternion
 from ...types import Array, Index
 from ..numbers import MAX_NUMBER
 from ..source import Problems
@@ -49,14 +50,7 @@ class Pose:
     @property
     def rotation(self) -> Array:
         """R of the quaternion, which need not have the length 1, (3, 3)."""
-        w, x, y, z = np.array(self.turn) / np.linalg.norm(self.turn)
-        return np.array(
-            [
-                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-            ]
-        )
+        return rotation_of_quaternion(np.array(self.turn) / np.linalg.norm(self.turn))
 
     @property
     def centre(self) -> Array:

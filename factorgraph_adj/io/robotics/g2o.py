@@ -17,7 +17,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...network.network import Network
-from ...rotation import exp_rotation
+from ...rotation import exp_rotation, rotation_of_quaternion
 from ...types import Array
 from ..format_reader import NetworkReader, Reader
 from ..source import LeftOutReason, TextSource, is_unread
@@ -344,15 +344,7 @@ class _Reading:
         if not abs(length - 1.0) <= MAX_QUATERNION_ERROR:
             self.source.wrong(line, f"the quaternion has the length {length:.6g}; valid: 1")
             return None
-        x, y, z, w = values[3:] / length
-        rotation = np.array(
-            [
-                [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-                [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-                [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-            ]
-        )
-        return BodyPose(rotation, values[:3])
+        return BodyPose(rotation_of_quaternion(values[[6, 3, 4, 5]] / length), values[:3])
 
     # -- records --------------------------------------------------------------------------------
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bz2
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
+from factorgraph_adj.io.photogrammetry.bundler import is_bal
 from tests.networks.photo_files import BUNDLER
 from tests.networks.pixel_block import projected
 from tests.support.places import data_dir
@@ -74,3 +76,23 @@ def test_cameras_that_were_not_registered_are_left_out(tmp_path: Path) -> None:
 def test_wrong_files_are_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         fga.read(write(tmp_path, BUNDLER.replace(old, new, 1)), format="bundler")
+
+
+def test_a_problem_of_bal_is_recognised_by_its_first_numbers(tmp_path: Path) -> None:
+    """Tables of eight columns and lists of other programs have the same suffix."""
+    for text, yes in (
+        ("1 1 1\n0 0 -3.3e+01 2.6\n", True),
+        ("2 3 4\n0     0     -385.989990234375 387.1199951171875\n", True),
+        ("# Camera list with one line of data per camera:\n", False),
+        ("1311868164.3 0 0 0 0 0 0 1\n", False),
+        ("WGS84 UTM 16N\n1 2 3 4 5 a.jpg\n", False),
+        ("1 2 3\n4 5 6\n", False),
+    ):
+        path = tmp_path / "a.txt"
+        path.write_text(text, encoding="utf-8")
+        assert is_bal(path) is yes, text
+        with bz2.open(tmp_path / "a.txt.bz2", "wt") as packed:
+            packed.write(text)
+        assert is_bal(tmp_path / "a.txt.bz2") is yes
+    (tmp_path / "b.txt.gz").write_bytes(b"1 1 1\n0 0 1.0 2.0\n")  # not packed
+    assert not is_bal(tmp_path / "b.txt.gz")

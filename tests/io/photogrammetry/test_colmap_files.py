@@ -57,6 +57,19 @@ def test_image_without_measurements_has_an_empty_second_line(tmp_path: Path) -> 
     assert network.name.endswith("without 1 images that see no 3-D point")
 
 
+def test_one_file_of_a_model_stands_for_its_folder(tmp_path: Path) -> None:
+    folder(tmp_path)
+    network = fga.read(tmp_path / "images.txt")
+    assert list(network.photos) == list(read_colmap(tmp_path).photos)
+    for name in ("cameras", "points3D"):
+        (tmp_path / f"{name}.txt").unlink()
+    lines = "# Image list with two lines of data per image:\n# IMAGE_ID, QW\n" + IMAGES
+    (tmp_path / "images.txt").write_text(lines)
+    with pytest.raises(InputError, match=r"a part of a COLMAP model.*give the folder with"):
+        fga.read(tmp_path / "images.txt")
+    assert "give the folder that has cameras, images, points3D" in refused(tmp_path / "images.txt")
+
+
 def test_last_image_without_measurements_may_lack_its_second_line(tmp_path: Path) -> None:
     images = IMAGES.rstrip("\n") + "\n11 1 0 0 0 0 0 0 1 d.jpg"
     assert len(read_sparse_model(folder(tmp_path, images=images)).images) == 4

@@ -1,0 +1,139 @@
+"""Trajectories: poses of known rotations, observed poses, files that are wrong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import factorgraph_adj as fga
+from factorgraph_adj.errors import InputError
+from factorgraph_adj.io.robotics.trajectory import is_trajectory, read_trajectory
+from tests.hostile.examples import Example
+
+TUM = """\
+# a walk
+1305031102.160407 1.344379 0.627206 1.661754 0.658249 0.611043 -0.294444 -0.326553
+1305031102.194330 1.343641 0.626458 1.652408 0.657327 0.613265 -0.295150 -0.323593
+1305031102.226738 1.338382 0.625665 1.641460 0.657713 0.615255 -0.294626 -0.319485
+"""
+KITTI = "1 0 0 5 0 0.6 -0.8 6 0 0.8 0.6 7\n1 0 0 5.5 0 1 0 6 0 0 1 8\n"
+EUROC = """\
+#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z [], v
+1403715524907143168,0.515356,1.996773,0.971104,0.161996,0.789985,-0.205376,0.554528,-0.002276
+1403715524912143104,0.515342,1.996723,0.971077,0.161904,0.790015,-0.205283,0.554546,-0.003425
+"""
+EXAMPLE_FILES = {
+    "tum": Example("trajectory", {"a.txt": TUM}, "a.txt", unread=(r"\|#|\|a\||\|walk\|",)),
+    "kitti": Example(
+        "trajectory",
+        {"a.txt": KITTI, "times.txt": "0.1\n0.25\n"},
+        "a.txt",
+        beside={"times": "times.txt"},
+    ),
+    "euroc": Example(
+        "trajectory",
+        {"a.csv": EUROC},
+        "a.csv",
+        {"sigma_m": 0.01},
+        unread=(r"\|#timestamp", r"-0\.00\d+\|1403", r"\|,qz7x\|1403"),
+    ),
+}
+
+
+def write(tmp_path: Path, text: str, name: str = "a.txt") -> Path:
+    path = tmp_path / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_poses_of_tum_have_the_rotation_of_their_quaternion(tmp_path: Path) -> None:
+    network = fga.read(write(tmp_path, TUM))
+    assert list(network.photos) == [line.split()[0] for line in TUM.splitlines()[1:]]
+    values = np.array(TUM.splitlines()[2].split(), dtype=float)
+    photo = network.photos["1305031102.194330"]
+    assert photo.position == pytest.approx(values[1:4])
+    expected = Rotation.from_quat(values[4:]).as_matrix()
+    np.testing.assert_allclose(photo.rotation, expected, atol=1e-6)  # files have six digits
+    body = read_trajectory(tmp_path / "a.txt", axes="body").photos["1305031102.194330"]
+    np.testing.assert_allclose(body.rotation @ np.diag([1, -1, -1]), expected, atol=1e-6)
+
+
+def test_poses_of_euroc_have_another_order_and_unit(tmp_path: Path) -> None:
+    path = write(tmp_path, EUROC, "data.csv")
+    network = fga.read(path, axes="body", sigma_m=0.02, sigma_rad=0.001)
+    values = np.array(EUROC.splitlines()[2].split(","), dtype=float)
+    photo = network.photos["1403715524912143104"]
+    expected = Rotation.from_quat(np.roll(values[4:8], -1)).as_matrix()
+    np.testing.assert_allclose(photo.rotation @ np.diag([1, -1, -1]), expected, atol=1e-5)
+    times = [o.time for o in network.observations.values()]
+    assert times == pytest.approx([0.0, 0.0, 0.005, 0.005], abs=1e-6)
+
+
+def test_rows_of_kitti_are_rotations_and_places_with_times_of_another_file(tmp_path: Path) -> None:
+    path, times = write(tmp_path, KITTI), write(tmp_path, "0.1\n0.25\n", "times.txt")
+    assert list(fga.read(path).photos) == ["0", "1"]
+    network = fga.read(path, times=times, sigma_m=0.1)
+    photo = network.photos["0.1"]
+    assert photo.position == (5.0, 6.0, 7.0)
+    np.testing.assert_allclose(photo.rotation, [[1, 0, 0], [0, 0.6, -0.8], [0, 0.8, 0.6]])
+    assert [o.time for o in network.observations.values()] == pytest.approx([0.0, 0.15])
+
+
+def test_observed_poses_are_adjusted(tmp_path: Path) -> None:
+    network = fga.read(write(tmp_path, TUM), sigma_m=0.02, sigma_rad=0.01)
+    solution = fga.adjust(network)
+    assert solution.redundancy == 0
+    assert solution.pose("1305031102.226738").sigmas[3:] == pytest.approx([0.02] * 3)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (TUM.replace("0.613265", "0.9"), r"a\.txt:3: its quaternion has not the length 1"),
+        (TUM.replace(" -0.319485", ""), r"a\.txt:4: has 7 numbers; valid in TUM: 8, time, x, y"),
+        (TUM.replace("0.625665", "o.6"), r"a\.txt:4: y: 'o\.6' is not a number"),
+        (TUM.replace("1102.226738", "1102.184330"), r"a\.txt:4: the time .* does not grow"),
+        (KITTI.replace("0.6 -0.8", "0.6 0.8"), r"a\.txt:1: is no rotation, see the grammar of KIT"),
+        ("# nothing\n", r"has no poses"),
+    ],
+)
+def test_files_that_are_wrong(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        fga.read(write(tmp_path, text), format="trajectory")
+
+
+def test_a_second_pose_of_a_time_has_a_name_of_its_own(tmp_path: Path) -> None:
+    path = write(tmp_path, TUM.replace("1102.226738", "1102.194330"))
+    network = fga.read(path)
+    assert list(network.photos)[1:] == ["1305031102.194330", "1305031102.194330 (2)"]
+    assert any("1 poses have the time of the one before" in r for r in network.remarks)
+
+
+def test_times_that_do_not_fit_are_refused(tmp_path: Path) -> None:
+    path, times = write(tmp_path, KITTI), write(tmp_path, "0.1\n", "times.txt")
+    with pytest.raises(InputError, match=r"has 2 poses, but times\.txt has 1 times"):
+        fga.read(path, times=times)
+
+
+@pytest.mark.parametrize(
+    ("text", "yes"),
+    [
+        (TUM, True),
+        (KITTI, True),
+        (EUROC, True),
+        ("1 2 3 4 5 6 7 8\n2 2 3 4 5 6 7 8\n", False),  # no quaternions
+        ("1 2 3 4 5 6 7 8 9 10 11 12\n", False),
+        ("A 1 2 3\n", False),
+    ],
+)
+def test_rotations_tell_a_trajectory_from_a_table(tmp_path: Path, text: str, yes: bool) -> None:
+    assert is_trajectory(write(tmp_path, text, "a.xyz")) is yes
+
+
+@pytest.mark.parametrize("options", [{"axes": "frd"}, {"sigma_m": 0.0}, {"sigma_rad": -1.0}])
+def test_options_that_are_wrong(tmp_path: Path, options: dict) -> None:
+    with pytest.raises(InputError, match=next(iter(options))):
+        read_trajectory(write(tmp_path, TUM), **options)
