@@ -50,6 +50,7 @@ RepeatedChoice = Literal["refuse", "leave out"]
 """What to do with several measurements of a point in one image."""
 MOUNT_ANGLES, MOUNT_ARM = ("rx", "ry", "rz"), ("x", "y", "z")
 MODEL_TABLES = ("cameras", "images", "points3D")
+MODEL_SUFFIXES = (".bin", ".txt")
 MODEL_FILES = (*MODEL_TABLES, "rigs", "frames")
 """Files of a model by which its folder is known."""
 
@@ -57,12 +58,14 @@ MODEL_FILES = (*MODEL_TABLES, "rigs", "frames")
 def is_colmap(path: Path) -> bool:
     """Return whether a folder has the files of a sparse model, or a file is one of these."""
     if path.is_file():
-        own = path.stem in MODEL_FILES and path.suffix in (".bin", ".txt")
-        return own and is_colmap(path.parent)
-    return any(
-        all((path / f"{name}{suffix}").is_file() for name in MODEL_TABLES)
-        for suffix in (".bin", ".txt")
-    )
+        return path.stem in MODEL_FILES and _has_model(path.parent, path.suffix)
+    return any(_has_model(path, suffix) for suffix in MODEL_SUFFIXES)
+
+
+def _has_model(folder: Path, suffix: str) -> bool:
+    """Return whether a folder has all files of a model with a suffix."""
+    there = (folder / f"{name}{suffix}" for name in MODEL_TABLES)
+    return suffix in MODEL_SUFFIXES and all(path.is_file() for path in there)
 
 
 def read_sparse_model(folder: Path) -> SparseModel:

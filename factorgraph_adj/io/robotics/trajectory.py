@@ -161,7 +161,7 @@ def read_trajectory(
             again.append(name)
             name += SECOND
         elif (row is not KITTI or stated is not None) and not time > before:
-            source.wrong(line, f"the time {name} does not grow: it follows {before:.9f} s")
+            source.wrong(line, f"the time {name[:40]} does not grow: it follows {before:.9f} s")
             continue
         before = time
         first = time if first is None else first
@@ -189,7 +189,7 @@ def read_trajectory(
     if again:
         source.problems.remarks.append(
             f"{len(again)} poses have the time of the one before, and names that end in{SECOND}; "
-            f"first {again[0]}"
+            f"first {again[0][:40]}"
         )
     if n == 0:
         source.wrong(0, "has no poses")
@@ -256,10 +256,12 @@ def _rotation(row: TrajectoryRow, values: Array) -> Array | None:
 def _times(path: Path, problems: Problems) -> list[tuple[str, float]]:
     """Return the times of a file, one a line: text and seconds."""
     source = TextSource(path, problems)
-    return [
+    found = [
         (text.strip(), source.field(line, text, "time").number(largest=1e19))
         for line, text in source.filled()
     ]
+    source.raise_all()
+    return found
 
 
 READER = Reader(
