@@ -44,6 +44,7 @@ _INLINE = re.compile(r"[{,]\s*([\w-]+)\s*=")
 """Keys of a table that is written in one line."""
 
 
+END_OF_LINE = re.compile(r"(?<!\r)\r++\n")
 BYTES_OF_NO_CHARACTER = {0xDC00 + byte: 0xF700 + byte for byte in range(0x80, 0x100)}
 """Private characters (U+F780 to U+F7FF) for bytes that a code page does not have, as Python
 escapes them."""
@@ -74,8 +75,8 @@ def read_text(path: Path, name: str = "") -> str:
 
 
 def with_newlines(text: str) -> str:
-    """Return a text whose lines end in newlines alone."""
-    return text.replace("\r\n", "\n").replace("\r", "\n")
+    """Return a text whose lines end in newlines alone; several CR before LF end one line."""
+    return END_OF_LINE.sub("\n", text).replace("\r", "\n")
 
 
 def decoded(found: bytes, name: str, code_page: str = "") -> tuple[str, bool]:
