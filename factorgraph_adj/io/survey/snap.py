@@ -26,7 +26,7 @@ from .snap_adjusted_stations import (
     rejected_stations,
     settle,
 )
-from .snap_job import SnapJob, read_job
+from .snap_job import ObservationStatement, SnapJob, read_job
 from .snap_observations import SnapObservations, refraction_radius
 from .snap_readings import SnapReading, SnapSet
 from .snap_recoding import with_station
@@ -76,13 +76,16 @@ def read_snap(path: str | Path, *, deformation: Literal["refuse", "none"] = "ref
     Scale errors are distance meters, orientation errors that are calculated are `GyroAzimuth`
     constants E = −error, a coefficient of refraction k of Bomford is κ = 2k with one radius of the
     Earth, the mean of Euler's radii of the sights. A reference frame with known parameters is
-    applied to its observations. ``*``, ``reject`` and ``ignore`` leave observations out;
-    ``data_check`` fixes all stations. Lengths are metres; angles degrees, minutes and seconds,
-    packed or decimal degrees by the commands of the file, and their errors seconds or degrees.
+    applied to its observations; one whose translation, scale or rotation is unknown is a frame of
+    the network (`FrameCoordinate`, `FrameVector`), and so is the translation of a set of GX.
+
+    ``*``, ``reject`` and ``ignore`` leave observations out; ``data_check`` fixes all stations.
+    Lengths are metres; angles degrees, minutes and seconds, packed or decimal degrees by the
+    commands of the file, and their errors seconds or degrees.
 
     Not read, and refused by name: deformation models, geoid grids, offsets of stations in time,
-    systematic errors, reference frames with unknown parameters, recoding with uncertainties,
-    errors of offsets and centroids, files in CSV and SINEX.
+    systematic errors, reference frames with unknown single components or rates, recoding with
+    uncertainties, errors of offsets and centroids, files in CSV and SINEX.
 
     Args:
         path: the command file.
@@ -114,6 +117,7 @@ def read_snap(path: str | Path, *, deformation: Literal["refuse", "none"] = "ref
     _add_stations(job, states, observed, network)
     maker = SnapObservations(network, job.stations, job.parameters, job.ratios)
     maker.use_datum = job.use_datum
+    maker.take_frames(readings)
     for found, kept in taking:
         remaining = []
         for i in kept:
@@ -147,26 +151,31 @@ def _chosen_sets(job: SnapJob) -> Iterator[SnapSet]:
             if not readings:
                 continue
             factor_of_set, out = 1.0, []
-            ignored = set()
-            for i, reading in enumerate(readings):
-                factor, rejected = reading.factor, reading.rejected
+            for reading in readings:
+                chosen = reading
                 for statement in job.observation_statements:
                     if not statement.test.holds(reading, file.name):
                         continue
-                    if statement.command == "reweight_observations":
-                        if statement.by_set:
-                            factor_of_set = statement.factor
-                        else:
-                            factor *= statement.factor
-                    elif statement.command == "ignore_observations":
-                        ignored.add(i)
+                    if statement.by_set:
+                        factor_of_set *= statement.factor
                     else:
-                        rejected = True
-                out.append(replace(reading, factor=factor, rejected=rejected or i in ignored))
+                        chosen = _modified(chosen, statement)
+                out.append(chosen)
             yield replace(
                 found,
                 readings=tuple(replace(r, factor=r.factor * factor_of_set) for r in out),
             )
+
+
+def _modified(reading: SnapReading, statement: ObservationStatement) -> SnapReading:
+    """Return a reading after a command that concerns it."""
+    if statement.command == "reweight_observations":
+        return replace(reading, factor=reading.factor * statement.factor)
+    if statement.command == "calculate_gx_translation":
+        return replace(reading, translated=statement.factor > 0)
+    if statement.command == "use_distance_ratios_as_distances":
+        return replace(reading, ratio=statement.factor == 0)
+    return replace(reading, rejected=True)
 
 
 def _recoded(job: SnapJob, reading: SnapReading, found: SnapSet, own: object) -> SnapReading | None:

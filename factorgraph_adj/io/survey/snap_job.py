@@ -61,7 +61,6 @@ REFUSED = {
     "deflections into the coordinate file, as snapgeoid does",
     "station_offset_file": "offsets of stations in time ({0}) have no counterpart",
     "systematic_error": "parameters of systematic errors ({0}) have no counterpart",
-    "set_observation_option": "the option {0} has no counterpart",
     "gps_vertical": "one vertical for the errors of all vectors ({0}) is not read: leave it out, "
     "and each has its own",
     "gps_antenna_height": "heights of antennas by criteria ({0}) are not read: state them in the "
@@ -79,6 +78,11 @@ STATION_COMMANDS: tuple[StationCommand, ...] = (
     *("fix", "free", "float"),
     *("reject", "ignore", "accept"),
 )
+OBSERVATION_OPTIONS = {
+    "calculate_gx_translation": "GX",
+    "use_distance_ratios_as_distances": "DR",
+}
+"""Options of observations, with the kind that they concern."""
 OBSERVATION_COMMANDS = ("reject_observations", "ignore_observations", "reweight_observations")
 
 
@@ -99,6 +103,7 @@ class ObservationStatement:
     command: str
     test: ObservationTest
     factor: float = 1.0
+    """Factor of errors; of an option 1 or 0, whether it holds."""
     by_set: bool = False
 
 
@@ -172,6 +177,7 @@ class _JobReader:
             ),
             "reference_frame": self.job.parameters.state_frame,
             "classification": self._classification,
+            "set_observation_option": self._option,
             "recode": self._recode,
             "ignore_missing_stations": self._missing,
             "use_distance_ratios": self._ratios,
@@ -417,6 +423,17 @@ class _JobReader:
             words = words[2:]
         if words:
             at.wrong(f"classification: {words[0][:40]!r} is unknown; valid: error_factor")
+
+    def _option(self, at: JobLine) -> None:
+        """Take ``set_observation_option [no_]OPTION criteria``."""
+        words = list(at.words)
+        word = words.pop(0).lower() if words else ""
+        option = word.removeprefix("no_")
+        kind = at.source.field(at.line, option, "option").choice(OBSERVATION_OPTIONS)
+        if kind is not None:
+            criteria = [f"data_type={kind}", *words]
+            factor = 0.0 if word.startswith("no_") else 1.0
+            self._add_observation_statement(at, option, criteria, factor, False)
 
     def _recode(self, at: JobLine) -> None:
         self.job.recodings.state(at, self.waiting)

@@ -12,13 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from ...frames import MEAN_EARTH_RADIUS, GeocentricFrame
+from ...frames import MEAN_EARTH_RADIUS
 from ...network.network import Network
 from ...observations import (
     AstronomicLatitude,
     AstronomicLongitude,
     Correlated,
     Direction,
+    FrameCoordinate,
+    FrameVector,
     GnssPosition,
     GnssVector,
     GyroAzimuth,
@@ -38,8 +40,10 @@ from ...types import Array
 from ...units import ARCSEC
 from ..source import is_unread
 from .snap_coordinates import SnapStation, SnapStations
+from .snap_coordinates import horizon as horizon_of
 from .snap_data_commands import POINT_KINDS, VECTOR_KINDS
 from .snap_errors import scalar_sigma, vector_covariance
+from .snap_frames import GnssFrame, add_reference_frame, add_translation, why_not
 from .snap_lines import decimal_year
 from .snap_parameters import (
     DEFAULT_CODE,
@@ -111,7 +115,10 @@ class SnapObservations:
         self.ratio_sets = 0
         self.projections: dict[str, SystemCode | None] = {}
         self.use_datum = True
-        self.middle: Array | None = None
+        self.middle: tuple[Array, Array] | None = None
+        self.frames: dict[str, GnssFrame] = {}
+        self.positioned: set[str] = set()
+        self.translations = 0
         self.made: dict[str, Callable[..., Observation | None]] = {
             "SD": self._slope,
             "DR": self._slope,
@@ -128,6 +135,10 @@ class SnapObservations:
             "EH": self._height,
         }
 
+    def take_frames(self, readings: Sequence[SnapReading]) -> None:
+        """Find the reference frames of positions: a translation has no part in vectors."""
+        self.positioned = {self._frame_code(r) for r in readings if r.kind == "GX"}
+
     def add(self, found: SnapSet, kept: Sequence[int]) -> None:
         """Add the readings of a set that take part, by their places in it."""
         if not kept:
@@ -140,7 +151,7 @@ class SnapObservations:
             station = found.readings[0].station.upper()
             self.sets[station] = self.sets.get(station, 0) + 1
             more["set"] = str(self.sets[station])
-        elif found.kind == "DR" and self.ratios:
+        elif found.kind == "DR" and self.ratios and all(found.readings[i].ratio for i in kept):
             self.ratio_sets += 1
             more["instrument"] = f"ratios {self.ratio_sets}"
             self.network.set_distance_meter(more["instrument"], free=["scale"])
@@ -301,75 +312,95 @@ class SnapObservations:
         covariance = vector_covariance(found, kept, self.stations)
         if covariance is None:
             return
-        members: list[Observation] = []
-        blocks: list[Array] = []
-        for i in kept:
-            r = found.readings[i]
-            turned = self._in_network(r, found)
-            if turned is None:
-                return
-            value, matrix = turned
-            blocks.append(matrix)
-            place = found.source.place(r.line)
-            own = slice(3 * len(members), 3 * len(members) + 3)
-            error = matrix @ covariance[own, own] @ matrix.T
-            made = found.source.attempt(
-                r.line, self._vector, r, value, covariance=error, source=place
-            )
-            if made is None:
-                return
-            members.append(made)
-        if len(members) == 1:
-            found.source.attempt(found.readings[kept[0]].line, self.network.add, members[0])
-            return
+        readings = [found.readings[i] for i in kept]
+        line = readings[0].line
+        own = None
+        if found.kind == "GX" and any(r.translated for r in readings):
+            self.translations += 1
+            name = f"translation {self.translations}"
+            own = add_translation(self.network, name, self._middle()[0])
         turn = np.zeros_like(covariance)
-        for i, matrix in enumerate(blocks):
+        made: list[tuple[SnapReading, Array, GnssFrame | None]] = []
+        for i, r in enumerate(readings):
+            frame, value, matrix = self._in_network(r, found)
+            if own is not None and frame is not None:
+                found.source.wrong(r.line, "a translation of a set in an unknown frame is not read")
+                return
             turn[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] = matrix
-        joint: AnyObservation | None = found.source.attempt(
-            found.readings[kept[0]].line,
-            Correlated,
-            tuple(members),
-            turn @ covariance @ turn.T,
-        )
+            made.append((r, value, own or frame))
+        covariance = turn @ covariance @ turn.T
+        members: list[Observation] = []
+        for i, (r, value, frame) in enumerate(made):
+            error = covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3]
+            more = {"covariance": error, "source": found.source.place(r.line)}
+            one = found.source.attempt(r.line, self._vector, r, value, frame, **more)
+            if one is None:
+                return
+            members.append(one)
+        joint: AnyObservation | None = members[0]
+        if len(members) > 1:
+            joint = found.source.attempt(line, Correlated, tuple(members), covariance)
         if joint is not None:
-            found.source.attempt(found.readings[kept[0]].line, self.network.add, joint)
+            found.source.attempt(line, self.network.add, joint)
 
-    def _vector(self, r: SnapReading, value: Array, **more: Any) -> Observation:
+    def _vector(
+        self, r: SnapReading, value: Array, frame: GnssFrame | None, **more: Any
+    ) -> Observation:
         if r.kind == "GB":
             a, b = self._ends(r)
-            return GnssVector(a.code, b.code, tuple(value.tolist()), **self._heights(r), **more)
-        a = self._station(r.target or r.station)
-        height = r.target_height if r.target else r.instrument_height
-        at = value - height * self.stations.up(a.code)
-        return GnssPosition(a.code, tuple(at.tolist()), **more)
+            if frame is None:
+                return GnssVector(a.code, b.code, tuple(value.tolist()), **self._heights(r), **more)
+            raised = r.target_height * self.stations.up(b.code)
+            raised = raised - r.instrument_height * self.stations.up(a.code)
+            at = value - frame.matrix @ raised
+            return FrameVector(frame.name, a.code, b.code, tuple(at.tolist()), **more)
+        a = self._station(r.station)
+        raised = r.instrument_height * self.stations.up(a.code)
+        if frame is None:
+            return GnssPosition(a.code, tuple((value - raised).tolist()), **more)
+        at = value - frame.matrix @ raised - frame.subtracted
+        return FrameCoordinate(frame.name, a.code, tuple(at.tolist()), **more)
 
-    def _in_network(self, r: SnapReading, found: SnapSet) -> tuple[Array, Array] | None:
-        """Return a vector or position in the frame of the network, and the matrix that leads there.
+    def _in_network(self, r: SnapReading, found: SnapSet) -> tuple[GnssFrame | None, Array, Array]:
+        """Return the frame of a vector or position, its value, and the matrix that led there.
 
-        observed = T (X + t) of a position, T ΔX of a vector.
+        observed = T (X + t) of a position, T ΔX of a vector. With known parameters the value is
+        brought into the frame of the network, which is no frame of its own (None).
         """
         value = np.array(r.values)
-        code = r.classes.get(self.parameters.frame_class, GNSS_CODE)
-        frame = self.parameters.frames.get(code.upper())
+        frame = self.parameters.frames.get(self._frame_code(r))
         if frame is None:
-            return value, np.eye(3)
+            return None, value, np.eye(3)
+        horizon = self._middle()[1] if frame.topocentric else None
         if any(frame.calculated):
-            found.source.wrong(
-                r.line,
-                f"the reference frame {frame.code} with unknown parameters ({frame.place}) has no "
-                "counterpart: state their values",
-            )
-            return None
-        years = self._years(r, found, frame)
-        if is_unread(years):
-            return None
-        horizon = self._middle_horizon() if frame.topocentric else None
-        parameters = frame.at(years)
+            return self._unknown_frame(r, found, frame, horizon), value, np.eye(3)
+        parameters = frame.at(self._years(r, found, frame))
+        if is_unread(*parameters.tolist()):
+            return None, value, np.eye(3)
         inverse = np.linalg.inv(frame_matrix(parameters, horizon))
         moved = inverse @ value
         if r.kind in POINT_KINDS:
             moved = moved - frame_shift(parameters, horizon)
-        return np.asarray(moved), np.asarray(inverse)
+        return None, np.asarray(moved), np.asarray(inverse)
+
+    def _frame_code(self, r: SnapReading) -> str:
+        """Return the code of the reference frame of a reading, in capital letters."""
+        return r.classes.get(self.parameters.frame_class, GNSS_CODE).upper()
+
+    def _unknown_frame(
+        self, r: SnapReading, found: SnapSet, frame: ReferenceFrame, horizon: Array | None
+    ) -> GnssFrame | None:
+        """Return the frame of a reference frame with unknown parameters; None after a problem."""
+        reason = why_not(frame)
+        if reason:
+            found.source.wrong(
+                r.line, f"the reference frame {frame.code} ({frame.place}) has {reason}: not read"
+            )
+            return None
+        if frame.code not in self.frames:
+            middle = self._middle()[0] if self._frame_code(r) in self.positioned else None
+            self.frames[frame.code] = add_reference_frame(self.network, frame, horizon, middle)
+        return self.frames[frame.code]
 
     def _years(self, r: SnapReading, found: SnapSet, frame: ReferenceFrame) -> float:
         """Return the years since the epoch of a frame; NaN after a problem."""
@@ -384,14 +415,14 @@ class SnapObservations:
             return math.nan
         return decimal_year(r.date) - frame.epoch
 
-    def _middle_horizon(self) -> Array:
-        """Return east, north, up in the middle of the stations, (3, 3)."""
+    def _middle(self) -> tuple[Array, Array]:
+        """Return the middle of the stations (3,), and its east, north, up as rows (3, 3)."""
         if self.middle is None:
             latitude, longitude, _ = self.stations.geodetic(list(self.stations.by_code))
-            phi, lam = (0.5 * (v.min() + v.max()) for v in (latitude, longitude))
-            frame = GeocentricFrame(self.stations.system.ellipsoid_name)
-            at = frame.ellipsoid.to_cartesian(*(np.array([v]) for v in (phi, lam, 0.0)))
-            self.middle = frame.basis(at, np.zeros((1, 2))).enu[0]
+            phi, lam = (0.5 * float(v.min() + v.max()) for v in (latitude, longitude))
+            ell = self.stations.system.ellipsoid
+            at = ell.to_cartesian(*(np.array([v]) for v in (phi, lam, 0.0)))[0]
+            self.middle = np.asarray(at), horizon_of(phi, lam)
         return self.middle
 
 

@@ -73,6 +73,10 @@ class SnapReading:
     """Line of the file."""
     factor: float = 1.0
     """Factor of its standard errors."""
+    translated: bool = False
+    """Whether its set of positions has an unknown translation."""
+    ratio: bool = True
+    """Whether its group of distances has an unknown scale."""
 
 
 @dataclass(frozen=True)

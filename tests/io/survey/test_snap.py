@@ -19,6 +19,7 @@ from factorgraph_adj.io.survey.snap import HELD_SIGMA_M, is_snap_job, read_snap
 from factorgraph_adj.io.survey.snap_lines import parsed_date
 from factorgraph_adj.io.survey.snap_selections import code_order
 from factorgraph_adj.io.survey.snap_systems import SNAP_SYSTEMS
+from factorgraph_adj.rotation import exp_rotation
 from factorgraph_adj.types import Array
 from factorgraph_adj.units import ARCSEC
 from tests.hostile.examples import Example
@@ -123,7 +124,7 @@ def job(folder: Path, commands: str, stations: str = SITE, readings: str = READI
 
 
 @pytest.mark.published
-@pytest.mark.parametrize("name", ["test1", "test1a", "test1b", "testafx", "testrc"])
+@pytest.mark.parametrize("name", ["test1", "test1a", "test1b", "testafx", "testrc", "testgx3"])
 def test_figures_are_those_of_the_listing(name: str) -> None:
     """All sixteen types (test1b, data_check in test1), floats, automatic fixes, parameters."""
     folder = data_dir("snap_obs_equations")
@@ -134,6 +135,23 @@ def test_figures_are_those_of_the_listing(name: str) -> None:
     # One radius for the refraction that testrc looks for: a share of 2·10⁻⁶.
     assert ours.squares == pytest.approx(theirs.squares, abs=HALF_DIGIT, rel=2e-6)
     assert ours.unit_weight == pytest.approx(theirs.unit_weight, abs=HALF_DIGIT)
+
+
+@pytest.mark.published
+def test_unknown_rotations_of_vectors_are_iterated() -> None:
+    """testgx3a: SNAP stops after one iteration, since no station moves, with rotations of 65″.
+
+    Its listing has "ITERATION NUMBER 1" alone and Σ 3.99113: half the square of 65″ (5·10⁻⁸) is
+    0.02 m in 500 km, which one iteration does not find.
+    """
+    folder = data_dir("snap_obs_equations")
+    listing = folder / "expected" / "testgx3a" / "testgx3a.lst"
+    theirs = read_summary(listing)
+    ours = summary(fga.read(folder / "in" / "testgx3a.snp"))
+    assert theirs is not None
+    assert (ours.observations, ours.redundancy) == (theirs.observations, theirs.redundancy)
+    assert "ITERATION NUMBER 2" not in listing.read_text()
+    assert ours.squares < 1e-3 < theirs.squares
 
 
 @pytest.mark.published
@@ -397,6 +415,56 @@ def test_a_reference_frame_is_applied_to_its_observations(tmp_path: Path) -> Non
     assert observation.value == pytest.approx(true, abs=TENTH_MM)
 
 
+@pytest.mark.parametrize("sort", ["geocentric", "topocentric"])
+def test_unknown_parameters_of_a_reference_frame_come_back(tmp_path: Path, sort: str) -> None:
+    """Positions and a vector of held stations, moved by T (X + t) of the formulas above."""
+    rotation = np.array([0.4, -0.3, 0.2]) * ARCSEC
+    rx, ry, rz = rotation
+    turn = exp_rotation(-rotation[None])[0]
+    assert turn == pytest.approx(np.array([[1, rz, -ry], [-rz, 1, rx], [ry, -rx, 1]]), abs=1e-10)
+    network = fga.read(job(tmp_path, "fix all\n"))
+    at = {n: np.array(p.coordinates) for n, p in network.points.items()}
+    shift, scale = np.array([1.0, -2.0, 0.5]), 1.0 + 3e-6
+    lines = ["Frame", "#reference_frame X", "#gx_enu_error 1 1 1 mm", "#data GX"]
+    for name, xyz_of in at.items():
+        normal = network.frame.basis(xyz_of[None], np.zeros((1, 2))).enu[0, 2]
+        seen = scale * turn @ (xyz_of + 1.5 * normal + shift)
+        lines.append(f"{name} 1.5 {' '.join(f'{v:.7f}' for v in seen)}")
+    vector = scale * turn @ (at["4"] - at["2"])
+    lines += ["#gps_enu_error 1 1 1 mm", "#data GB no_heights"]
+    lines += [f"2 4 {' '.join(f'{v:.7f}' for v in vector)}"]
+    stated = f"reference_frame X {sort} calculate translation scale rotation"
+    path = job(tmp_path, f"fix all\n{stated}\n", readings="\n".join(lines) + "\n")
+    solution = fga.adjust(fga.read(path))
+    assert solution.redundancy == 15 - 7
+    assert solution.vtpv < 1e-4
+    values = solution.unknown("frame", "X").values
+    # Stations within 1.7 km, to 0.1 µm: angles to 1e-9, and their sign is that of R, not of Rᵀ.
+    assert np.array(values[:3]) == pytest.approx(rotation, abs=1e-9)
+    assert values[6] == pytest.approx(-3e-6, abs=1e-9)
+
+
+def test_a_set_of_positions_may_have_an_unknown_translation(tmp_path: Path) -> None:
+    """The mean shift leaves the residuals; that of a set without the option does not."""
+    network = fga.read(job(tmp_path, "fix all\n"))
+    lines = ["Sets", "#gx_enu_error 1000 1000 1000 mm"]
+    for shift in (0.0, 5.0):
+        lines.append("#data GX grouped no_heights")
+        for name in "123":
+            place = np.array(network.points[name].coordinates) + shift
+            lines.append(f"{name} {' '.join(f'{v:.6f}' for v in place)}")
+    option = "set_observation_option calculate_gx_translation"
+    text = "\n".join(lines) + "\n"
+    both = fga.adjust(fga.read(job(tmp_path, f"fix all\n{option}\n", readings=text)))
+    assert (both.redundancy, both.vtpv) == (12, pytest.approx(0.0, abs=1e-6))
+    moved = both.unknown("frame", "translation 2").values[3:6]
+    assert np.array(moved) == pytest.approx([-5.0] * 3, abs=1e-5)
+    # Without the option: nine components of 5 m with σ 1 m.
+    assert summary(fga.read(job(tmp_path, "fix all\n", readings=text))).squares == pytest.approx(
+        9 * 25.0, abs=1e-3
+    )
+
+
 @pytest.mark.parametrize(
     ("commands", "held", "floated"),
     [
@@ -538,7 +606,9 @@ def test_ranges_of_codes_go_by_leading_digits() -> None:
         ("data_file readings.dat csv", "data_file as 'csv' is not read"),
         ("refraction_coefficient X", "site.snp:3: 'X' is not read; valid: use CLASS"),
         ("reference_frame X size 3", "word of reference_frame 'size' is unknown"),
-        ("reference_frame WGS calculate scale", "reference frame WGS with unknown parameters"),
+        ("reference_frame WGS rotation 0 ? 0 0", "a rotation of which some components are known"),
+        ("reference_frame WGS calculate scale_rate", "rates of change beside unknown parameters"),
+        ("set_observation_option other", "option 'other' is unknown"),
         ("reweight_observations 2", "needs criteria of observations"),
         ("reject_observations data_type=QQ", "data_type must be some of SD, HD"),
         ("reject_observations data_file=other.dat", "no data_file before this line"),
