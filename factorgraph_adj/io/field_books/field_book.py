@@ -35,6 +35,7 @@ MAX_COORDINATE_DIFFERENCE_M = 1e-4
 """Coordinates of a point that is stated twice differ by less, metres."""
 UNKNOWN_COORDINATES = (math.nan, math.nan, math.nan)
 WITHOUT_READING = LeftOutReason("sights", "they have no reading")
+OWN_TARGETS = LeftOutReason("sights", "their target has the name of the station")
 REPEATED_BACKSIGHTS = LeftOutReason(
     "circle readings of backsights", "sights of their set-ups have the directions"
 )
@@ -200,7 +201,7 @@ class FieldBook:
     ) -> None:
         """Note the readings of one target in one face of the present set-up, SI units.
 
-        A sight without any reading is left out, and counted.
+        A sight without any reading, or to the name of the station, is left out, and counted.
 
         Args:
             line: line of the file.
@@ -226,6 +227,9 @@ class FieldBook:
             read_values = {"direction": direction, "zenith": zenith, "distance": distance}
             read_values |= {"horizontal": horizontal, "target_height": target_height}
             self.unnamed.add(line, target, given, **read_values, face=face, stated=stated)
+            return
+        if target and target == at.station:
+            self.source.leave_out(line, OWN_TARGETS, target)
             return
         if target and given != UNKNOWN_COORDINATES:
             self.point(line, target, *given, agree=False)
