@@ -46,6 +46,8 @@ _PLAIN = {"": Decimal(1), "ppm": Decimal("1e-6"), "km": Decimal(1000), "px": Dec
 
 PACKED_DEGREES = "D.MMSSs"
 """Unit of angles in packed degrees: 123.45300 is 123° 45′ 30.0″, and so is 123.453."""
+ROUNDED_PACKED_DEGREES = "D.MMSSs, rounded"
+"""Packed degrees of instruments, which round 59.96″ to 60″: 123.4560 is 123° 46′."""
 PACKED_PATTERN = re.compile(r"([+-]?)(?=\.?[0-9])0*([0-9]{0,3})(?:\.([0-9]*))?")
 """An angle in packed degrees, less than 1000°."""
 ANGLE_UNITS = (*ANGLE, "dms")
@@ -168,8 +170,8 @@ def _valid_numbers(least: float, above: float) -> str:
 def _parse_text(text: str, unit: str) -> float:
     if unit == "dms":
         return _parse_dms(text)
-    if unit == PACKED_DEGREES:
-        return _parse_packed_degrees(text)
+    if unit in (PACKED_DEGREES, ROUNDED_PACKED_DEGREES):
+        return _parse_packed_degrees(text, rounded=unit == ROUNDED_PACKED_DEGREES)
     if NUMBER_PATTERN.fullmatch(text) is None:
         if _NOT_FINITE.fullmatch(text):
             raise ValueError(f"{_quoted(text)} is not a finite number")
@@ -199,14 +201,19 @@ def _parse_dms(text: str) -> float:
     return -value if text.lstrip().startswith("-") else value
 
 
-def _parse_packed_degrees(text: str) -> float:
-    """Return an angle, radians; what a calculator drops, zeros at the end, may be absent."""
+def _parse_packed_degrees(text: str, *, rounded: bool) -> float:
+    """Return an angle, radians; what a calculator drops, zeros at the end, may be absent.
+
+    Args:
+        text: the packed degrees.
+        rounded: whether there may be 60 seconds.
+    """
     match, such = PACKED_PATTERN.fullmatch(text), "such as 102.34125 for 102° 34′ 12.5″"
     if match is None:
         raise ValueError(f"{_quoted(text)} is not packed degrees {PACKED_DEGREES}, {such}")
     digits = (match[3] or "").ljust(4, "0")
     minutes, seconds = int(digits[:2]), float(f"{digits[2:4]}.{digits[4:]}")
-    if minutes >= 60 or seconds >= 60:
+    if minutes >= 60 or seconds > 60 or (seconds == 60 and not rounded):
         what = f"has 60 or more minutes or seconds; packed degrees are {PACKED_DEGREES}, {such}"
         raise ValueError(f"{_quoted(text)} {what}")
     value = math.radians(int(match[2] or 0) + minutes / 60 + seconds / 3600)

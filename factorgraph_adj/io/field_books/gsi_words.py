@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...units import ANGLE, FOOT
-from ..numbers import PACKED_DEGREES
+from ..numbers import ROUNDED_PACKED_DEGREES
 from ..source import Field, LeftOutReason, Source, TextSource
 from ..text_files import file_beginning
 from .field_records import SI, Scales
@@ -35,12 +35,10 @@ feet. A division gives the float of the decimal number, 151.2 and not 151.200000
 GSI_ANGLES: dict[str, float | str] = {
     "2": 1e-5 * ANGLE["gon"],
     "3": 1e-5 * ANGLE["deg"],
-    "4": PACKED_DEGREES,
+    "4": ROUNDED_PACKED_DEGREES,
     "5": 1e-4 * math.pi / 3200,
 }
 """Radians of one unit of the last digit, 5 are mils, 6400 of a circle; 4 is packed as DDDMMSSs."""
-SIXTY_SECONDS = 600
-"""Last three digits of an angle with 60 seconds."""
 THREE_DIGIT_INDICES = ("33", "37", "39", "53", "56", "57", "59", "91")
 """First digits of word indices that have a third one."""
 WITHOUT_OBSERVATION = LeftOutReason("words", "they hold no observation")
@@ -123,14 +121,9 @@ def read_gsi_angle(field: Field, scales: Scales = SI) -> float:
         return math.nan
     if isinstance(unit, float):
         return value * unit
-    minute = 0.0
-    if abs(value) % 1000 == SIXTY_SECONDS:
-        # Instruments round 59.95″ and more to 60″.
-        value, minute = value - math.copysign(SIXTY_SECONDS, value), ANGLE["arcmin"]
-        minute = math.copysign(minute, value) if value else minute
     digits = f"{value:+09.0f}"
     field.value = f"{digits[:-5]}.{digits[-5:]}"
-    return field.number(unit) + minute
+    return field.number(unit)
 
 
 def _unit(field: Field, units: str) -> Field:

@@ -26,7 +26,7 @@ from typing import Any
 from ...network.network import Network
 from ...units import GON
 from ..format_reader import NetworkReader, Reader, begins_with
-from ..numbers import PACKED_DEGREES
+from ..numbers import ROUNDED_PACKED_DEGREES
 from ..source import LeftOutReason, TextSource
 from .accuracies import DEFAULT_ACCURACIES, Accuracies
 from .field_book import FieldBook
@@ -41,7 +41,7 @@ from .field_records import (
     read_record,
 )
 
-IDX_ANGLES: dict[str, float | str] = {"DMS": PACKED_DEGREES, "GON": GON}
+IDX_ANGLES: dict[str, float | str] = {"DMS": ROUNDED_PACKED_DEGREES, "GON": GON}
 """Radians of ``ANGULAR``, or the name of the unit: DMS is D.MMSSss."""
 IDX_LENGTHS = {"METRE": 1.0}
 """Metres of ``LINEAR``."""
@@ -153,7 +153,7 @@ class _Reader:
         self.book = book
         self.source = book.source
         self.open: list[_Section] = []
-        self.scales = Scales(angle=PACKED_DEGREES)
+        self.scales = Scales(angle=ROUNDED_PACKED_DEGREES)
         self.angle_is_stated = False
         self.points: list[tuple[int, dict[str, Any]]] = []
         self.stations: set[str] = set()
@@ -233,7 +233,7 @@ class _Reader:
         angle = self.source.field(line, words.get("ANGULAR"), "unit ANGULAR").choice(IDX_ANGLES)
         length = self.source.field(line, words.get("LINEAR"), "unit LINEAR").choice(IDX_LENGTHS)
         self.angle_is_stated = True
-        self.scales = Scales(length or 1.0, angle or PACKED_DEGREES)
+        self.scales = Scales(length or 1.0, angle or ROUNDED_PACKED_DEGREES)
 
     # -- rows -----------------------------------------------------------------------------------
 
