@@ -168,7 +168,7 @@ def test_wrong_lines_of_a_report_are_all_named(tmp_path):
         (
             "Points\n------\n",
             "",
-            "'Point ID   E   N   H   Class   Point Code' stands in no section",
+            "a line of Job must have a colon, not 'Point ID   E   N   H   Class",
         ),
         ("102.0   1.5", "102.0   high", "height of the instrument: 'high' is not a number"),
         ("Job\t\t:", "Job\t\t", "a line of Job must have a colon, not 'Job\\t\\t SITE'"),
