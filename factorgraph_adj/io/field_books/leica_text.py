@@ -243,15 +243,14 @@ def _fits(unit: AngleUnit, vertical: str, slope: str, horizontal: str) -> bool:
 
     What is no number in any unit is noted elsewhere.
     """
-    of_angle, scale = REPORT_ANGLES[unit], 1.0
-    if not isinstance(of_angle, str):
-        of_angle, scale = "", of_angle
+    size = REPORT_ANGLES[unit]
+    name, scale = (size, 1.0) if isinstance(size, str) else ("", size)
     try:
         s, h = parse_quantity(slope, ""), parse_quantity(horizontal, "")
     except ValueError:
         return True
     try:
-        angle = parse_quantity(vertical, of_angle) * scale
+        angle = parse_quantity(vertical, name) * scale
     except ValueError:
         return False
     return abs(abs(s * math.sin(angle)) - h) <= ROUNDING_M
