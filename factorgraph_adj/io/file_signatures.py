@@ -115,6 +115,11 @@ SIGNATURES: tuple[Signature, ...] = (
         "a binary job of Leica (DBX)", BINARY_BOOK, r"", (".x01", ".x02", ".x03", ".x04", ".xcf")
     ),
     Signature("a binary job of Trimble Access", BINARY_BOOK, r"\A[^<]*[\x00-\x08]", (".job",)),
+    Signature(
+        "a field book of Trimble Survey Controller (DC)",
+        "the layouts of its readings are not public; export JobXML (.jxl) or M5 and read that",
+        r"\A00..SC V ?\d",
+    ),
     Signature("a raw log of Trimble GNSS", RAW_GNSS, r"", (".t01", ".t02", ".t04")),
     Signature("a job of Topcon Magnet", BINARY_BOOK, r"", (".mjf", ".tsj", ".tsv7")),
     Signature("a project of Trimble Business Center", BINARY_BOOK, r"", (".vce",)),
