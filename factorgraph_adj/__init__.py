@@ -58,6 +58,7 @@ if _TYPE_CHECKING:
     from .io.solution_file import load_solution
     from .io.survey.comp3d import read_comp3d
     from .io.survey.gama import read_gama
+    from .io.survey.gama_g3 import read_gama_g3
     from .io.survey.jag3d import read_jag3d, write_jag3d
     from .io.survey.lgc2 import read_lgc2
     from .io.survey.mapped_tables import read_columns
@@ -218,8 +219,8 @@ __all__ = [
     "grid_photos", "join", "load_solution", "measure", "memory_needed", "orient", "plan",
     "plot_network", "predict", "preliminary", "propose", "read", "read_aicon", "read_bal",
     "read_bundler", "read_colmap", "read_columns", "read_comp3d", "read_dbat",
-    "read_dynadjust", "read_dynaml", "read_gama", "read_gsi", "read_gvx", "read_jag3d",
-    "read_jobxml",
+    "read_dynadjust", "read_dynaml", "read_gama", "read_gama_g3", "read_gsi", "read_gvx",
+    "read_jag3d", "read_jobxml",
     "read_landxml", "read_lgc2", "read_metashape", "read_micmac", "read_mmvii",
     "read_opencv", "read_openmvg", "read_opensfm", "read_opf", "read_project", "read_sdr33",
     "read_sinex", "read_star_net", "reduce_faces", "register_lens", "register_observation",
@@ -277,6 +278,7 @@ _NAMES = {
     "io.survey.comp3d": "read_comp3d",
     "io.field_books.accuracies": "Accuracies",
     "io.survey.gama": "read_gama",
+    "io.survey.gama_g3": "read_gama_g3",
     "io.field_books.gsi": "read_gsi",
     "io.survey.jag3d": "read_jag3d write_jag3d",
     "io.field_books.jobxml": "read_jobxml",

@@ -203,7 +203,7 @@ class _Reader:
                 key = element.tag, element.attributes.get("to", "")
                 # What is no angle is reported where it is read.
                 reading = Problems().field(element.attributes.get("val"), "val", "")
-                of_target.setdefault(key, []).append((element, _angle_of(reading)[0]))
+                of_target.setdefault(key, []).append((element, angle_of(reading)[0]))
         for (tag, target), directions in of_target.items():
             zeniths = of_target.get(("z-angle", target), [])
             if tag != "direction" or len(zeniths) != len(directions):
@@ -228,7 +228,7 @@ class _Reader:
             value, unit = self.source.attribute(element, "val").number(above=0.0), MILLIMETRE
             sigma = self._stdev(element, self._default_of_distance(setup.defaults, value))
         else:
-            value, unit = _angle_of(self.source.attribute(element, "val"))
+            value, unit = angle_of(self.source.attribute(element, "val"))
             value *= 1.0 if element.tag == "z-angle" else self.sense
             value += math.pi if id(element) in self.reverse else 0.0
             if element.tag == "z-angle" and value > math.pi:
@@ -262,7 +262,7 @@ class _Reader:
         before = self.source.problems.count
         station, target = self._ends(element, setup.station, to="bs")
         target2 = self.source.attribute(element, "fs").name()
-        value, unit = _angle_of(self.source.attribute(element, "val"))
+        value, unit = angle_of(self.source.attribute(element, "val"))
         sigma = self._stdev(element, self._default_stdev(element, setup))
         hi = self.source.attribute(element, "from_dh").number(default=setup.height)
         ht = self.source.attribute(element, "bs_dh").number(default=0.0)
@@ -386,7 +386,7 @@ class _Reader:
         return sigma
 
 
-def _angle_of(field: Field) -> tuple[float, float]:
+def angle_of(field: Field) -> tuple[float, float]:
     """Return an angle in radians, and the unit of its standard deviation in radians."""
     text = str(field.value or "")
     if not _DMS.match(text):

@@ -20,7 +20,7 @@ from ...errors import InputError, known
 from ...network.network import Network
 from ...observations import AnyObservation, Correlated, Observation
 from ...types import Array
-from ..source import LeftOutReason, is_unread
+from ..source import Field, LeftOutReason, is_unread
 from ..xml_files import Element
 from ..xml_source import XmlSource
 
@@ -285,10 +285,18 @@ class GamaWeights:
                 self.source.wrong(p.element.line, f"{what}: the number is out of range")
 
     def _correlated(self, element: Element, pending: list[PendingObservation]) -> None:
+        matrix = self._matrix(element, sum(len(p.units) for p in pending))
+        if matrix is not None:
+            self.share(matrix, pending)
+
+    def share(self, matrix: Array, pending: Sequence[PendingObservation]) -> None:
+        """Keep observations with their joint covariance, in uncorrelated groups.
+
+        Args:
+            matrix: covariance of all components, in the units of the file.
+            pending: the observations in its order.
+        """
         units = np.concatenate([p.units for p in pending])
-        matrix = self._matrix(element, len(units))
-        if matrix is None:
-            return
         covariance = matrix * np.outer(units, units)
         ends = np.cumsum([len(p.units) for p in pending])
         rows = [np.arange(e - len(p.units), e) for p, e in zip(pending, ends, strict=True)]
@@ -322,19 +330,30 @@ class GamaWeights:
             self.source.wrong(element.line, f"<cov-mat>: {wrong}")
             return None
         what = f"<cov-mat> of dim {dim} and band {band}"
-        field = self.source.field(element.line, element.text, what)
-        numbers = field.numbers(dim * (band + 1) - band * (band + 1) // 2)
-        if is_unread(numbers):
-            return None
-        matrix, first = np.zeros((dim, dim)), 0
-        for i in range(dim):  # upper triangle within the band, row by row
-            last = min(dim, i + band + 1)
-            matrix[i, i:last] = matrix[i:last, i] = numbers[first : first + last - i]
-            first += last - i
-        if not np.all(np.diag(matrix) > 0):
+        matrix = banded(self.source.field(element.line, element.text, what), dim, band)
+        if matrix is not None and not np.all(np.diag(matrix) > 0):
             self.source.wrong(element.line, "<cov-mat> needs variances > 0")
             return None
         return matrix
+
+
+def banded(field: Field, dim: int, band: int) -> Array | None:
+    """Return the symmetric matrix (dim, dim) of a field; None after a problem.
+
+    Args:
+        field: upper triangle within the band, row by row.
+        dim: number of rows.
+        band: number of diagonals above the first.
+    """
+    numbers = field.numbers(dim * (band + 1) - band * (band + 1) // 2)
+    if is_unread(numbers):
+        return None
+    matrix, first = np.zeros((dim, dim)), 0
+    for i in range(dim):
+        last = min(dim, i + band + 1)
+        matrix[i, i:last] = matrix[i:last, i] = numbers[first : first + last - i]
+        first += last - i
+    return matrix
 
 
 def _cluster_function(
@@ -351,6 +370,8 @@ def _cluster_function(
 
 def _uncorrelated_groups(covariance: Array, rows: list[Array]) -> list[list[int]]:
     """Split observations into mutually uncorrelated groups."""
+    if len(rows) == 1:  # large networks have thousands of single vectors
+        return [[0]]
     owner = np.concatenate([np.full(len(r), i) for i, r in enumerate(rows)])
     i, j = np.nonzero(covariance)
     joined = coo_array((np.ones(len(i)), (owner[i], owner[j])), shape=(len(rows), len(rows)))
