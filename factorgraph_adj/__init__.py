@@ -65,6 +65,7 @@ if _TYPE_CHECKING:
     from .io.survey.mmvii import read_mmvii
     from .io.survey.star_net import read_star_net
     from .io.survey.star_net_options import StarNetOptions
+    from .io.survey.star_net_project import read_star_net_project
     from .io.survey.star_net_writer import write_star_net
     from .models.lens import BrownLens
     from .models.lens_registry import register_lens
@@ -223,7 +224,8 @@ __all__ = [
     "read_jag3d", "read_jobxml",
     "read_landxml", "read_lgc2", "read_metashape", "read_micmac", "read_mmvii",
     "read_opencv", "read_openmvg", "read_opensfm", "read_opf", "read_project", "read_sdr33",
-    "read_sinex", "read_star_net", "reduce_faces", "register_lens", "register_observation",
+    "read_sinex", "read_star_net", "read_star_net_project", "reduce_faces", "register_lens",
+    "register_observation",
     "register_reader", "register_unknown", "relative_model", "reliability",
     "results_schema", "robust_adjust", "s_transform", "significance", "snoop",
     "text_report", "to_xarray", "vectors_in_own_datum", "wgs84_coordinates", "without",
@@ -288,6 +290,7 @@ _NAMES = {
     "io.survey.mmvii": "read_mmvii",
     "io.field_books.sdr33": "read_sdr33",
     "io.survey.star_net": "read_star_net",
+    "io.survey.star_net_project": "read_star_net_project",
     "io.survey.star_net_options": "StarNetOptions",
     "io.survey.star_net_writer": "write_star_net",
     "models.lens": "BrownLens",

@@ -68,6 +68,10 @@ class Reader:
         return [f"suffix {s}" for s in self.suffixes] + (["folders"] if self.folders else [])
 
 
+READINGS = "readings"
+"""Argument of a function that also reads designs."""
+
+
 @dataclass(frozen=True)
 class NetworkReader:
     """Reader of a format that holds only a network with all readings.
@@ -76,17 +80,20 @@ class NetworkReader:
     """
 
     read: Callable[..., Network]
-    """Function that reads a file as a network; its keyword-only arguments are options."""
+    """Function that reads a file as a network; its keyword-only arguments are options, besides
+    ``readings``: with it a function also reads designs, whose observations have no values yet."""
 
     @property
     def options(self) -> tuple[str, ...]:
         """Names of the keyword-only arguments of the function, and of fields of groups."""
-        return options_of(self.read)
+        return tuple(name for name in options_of(self.read) if name != READINGS)
 
     def __call__(
         self, path: Path, /, *, readings: bool, allow_outside: bool, **options: Any
     ) -> Project:
         """Read a file."""
+        if READINGS in options_of(self.read):
+            options[READINGS] = readings
         return Project(self.read(path, **arguments_of(self.read, options)), path)
 
 

@@ -379,23 +379,25 @@ class Source:
         self.problems.files.append(self.path.name)
         self.last = 0
         """Last line, at which a problem of the whole file is reported; 0: none is known."""
-        self._parts: list[tuple[int, str]] = [(0, self.path.name)]
+        self._parts: list[tuple[int, str, int]] = [(0, self.path.name, 0)]
 
     def place(self, line: int) -> str:
         """Return file and line; line 0 is that of a problem of the whole file."""
         line = line or self.last
-        before, name = next((p for p in reversed(self._parts) if p[0] < line), self._parts[0])
-        return f"{name}:{line - before}" if line else name
+        parts = (p for p in reversed(self._parts) if p[0] < line)
+        before, name, skipped = next(parts, self._parts[0])
+        return f"{name}:{line - before + skipped}" if line else name
 
-    def continue_with(self, path: Path, lines: int) -> None:
+    def continue_with(self, path: Path, lines: int, read: int = 0) -> None:
         """Go on with another file, whose lines are numbered on.
 
         Args:
             path: the file.
             lines: number of lines of all files before it.
+            read: number of its own lines that were read before another file stood between.
         """
         self.problems.files.append(path.name)
-        self._parts.append((lines, path.name))
+        self._parts.append((lines, path.name, read))
 
     def wrong(self, line: int, what: str) -> None:
         """Add a problem of a line."""

@@ -35,7 +35,7 @@ from ..models.terrestrial_observations import NO_LENGTH, azimuth
 from ..types import Array
 from .base import Observation, Sight, Sigma
 from .registry import ObservationKind
-from .variances import DIRECTIONS, LENGTHS, LEVELLING
+from .variances import DIRECTIONS, LEVELLING, PLAIN_LENGTHS
 
 ARC, CHORD = "arc", "chord"
 _SHORTEST = 1e-9
@@ -309,7 +309,7 @@ KINDS_IN_MODULE = (
         (("point", "station"), ("point", "target"), ("edm", "instrument")),
         ellipsoid_distance,
         ("along_chord", *_SURFACES),
-        weight=LENGTHS,
+        weight=PLAIN_LENGTHS,
         choices=("line",),
         titles={"de": "Strecke am Ellipsoid"},
     ),
@@ -318,7 +318,7 @@ KINDS_IN_MODULE = (
         (("point", "station"), ("point", "target"), ("edm", "instrument")),
         mean_height_distance,
         _HEIGHTS,
-        weight=LENGTHS,
+        weight=PLAIN_LENGTHS,
         titles={"de": "Strecke in mittlerer Höhe"},
     ),
     ObservationKind(

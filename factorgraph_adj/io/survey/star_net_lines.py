@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
-from ...errors import known
-from ...observations.variances import CENTRING, VERTICAL
+from ...network.grid.transformation import Azimuths, Distances
+from ...observations.variances import CENTRING
 from ...stochastic_model import StandardDeviation
 from ...units import ARCSEC, GON
 from ..numbers import PACKED_DEGREES, PACKED_PATTERN
@@ -22,8 +20,8 @@ from .star_net_options import (
     StarNetOptions,
 )
 
-HELD_ANGLE_SIGMA_RAD, HELD_LENGTH_SIGMA_M = 0.01 * ARCSEC, 1e-5
-"""σ of an observation that is fixed by ``!``: 0.01″ and 0.01 mm."""
+HELD_LENGTH_SIGMA_M = 1e-5
+"""Distance up to which coordinates of a point in two lines are the same."""
 FREE_SIGMA_FACTOR = 1e4
 """Factor of the default σ of an observation that is free by ``*``: it has no influence."""
 SIMPLE_DATA_TYPES = {
@@ -56,22 +54,6 @@ Sigma = float | StandardDeviation
 LINES_BEHIND_DATA_OFF = LeftOutReason("lines", "they stand behind .DATA OFF")
 HEIGHTS_IN_2D = LeftOutReason("observations", "a 2D project has no heights")
 VALUES_MISSING = LeftOutReason("values", "the file has ? in their place")
-PRINTING_OPTIONS = ("LOSTSTATIONS", "PTOLERANCE", "ELLIPSE", "RELATIVE")
-"""Inline options that change only what STAR*NET prints."""
-REFUSED_OPTIONS = {
-    "INCLUDE": "put the lines of the other file here",
-    "GRID": "what bearings and distances are holds for the whole file: azimuths= and "
-    "horizontal_distances=",
-    "SCALE": "distances are not scaled; divide them by the factor",
-    "MEASURE": "what bearings and distances are holds for the whole file: azimuths= and "
-    "horizontal_distances=",
-    "ELEVATION": "elevation_of_project in options",
-    "ELLIPSOID": "positions on the ellipsoid are not read",
-    "MAPMODE": "bearings in traverse lines are not read; use B and D lines",
-    "ALIAS": "aliases of names are not read; rename the points",
-    "COPY": "copies of points are not read; rename the points",
-}
-"""Inline options that are not built, and why."""
 
 
 @dataclass
@@ -91,13 +73,32 @@ class Conventions:
     add_centring: bool = False
     longitude: str | None = None
     """Sign of longitudes."""
+    bearings: Azimuths = "grid"
+    """What azimuths count from, in a grid."""
+    lengths: Distances = "measured"
+    """Where horizontal distances are, in a grid."""
+    scale: float = 1.0
+    """Factor of horizontal lengths, in a local project."""
 
 
 class StarNetValues:
     """Values of lines in the conventions in force, SI units."""
 
-    def __init__(self, source: Source, options: StarNetOptions) -> None:
+    def __init__(
+        self,
+        source: Source,
+        options: StarNetOptions,
+        *,
+        bearings: Azimuths = "grid",
+        lengths: Distances = "measured",
+    ) -> None:
         """Start with the conventions of the project."""
+        self.bearings = bearings
+        self.lengths = lengths
+        self.aliases: dict[str, str] = {}
+        """Names of points by their other names."""
+        self.changed_ends: list[tuple[str, str, str]] = []
+        """PREFIX or SUFFIX, the end of a name and what stands in its place."""
         self.source = source
         self.stated = options
         """Settings of the project, to which .INSTRUMENT without a name returns."""
@@ -119,7 +120,28 @@ class StarNetValues:
             dimension,
             refraction=o.refraction,
             longitude=o.longitude,
+            bearings=self.bearings,
+            lengths=self.lengths,
+            scale=o.scale,
         )
+
+    def state(self) -> tuple[Conventions, StarNetOptions]:
+        """Return what inline options change, to be restored behind an included file."""
+        return replace(self.now), self.options
+
+    def restore(self, state: tuple[Conventions, StarNetOptions]) -> None:
+        """Restore what `state` returned."""
+        self.now, self.options = replace(state[0]), state[1]
+
+    def canonical(self, name: str) -> str:
+        """Return the name of a point that has other names (.ALIAS)."""
+        name = self.aliases.get(name, name)
+        for where, end, other in self.changed_ends:
+            if where == "PREFIX" and name.startswith(end):
+                name = other + name.removeprefix(end)
+            elif where == "SUFFIX" and name.endswith(end):
+                name = name.removesuffix(end) + other
+        return name
 
     def demand(self, line: int, name: str) -> float:
         """Return a number of the options; note the first line that needs one not stated."""
@@ -207,14 +229,15 @@ class StarNetValues:
         entered = text not in (None, "&", "*", "!")
         angular = kind in ("angle", "direction", "azimuth", "zenith")
         setting = kind.removeprefix("slope ")
+        fixed = self.stated.fixed_angle * ARCSEC if angular else self.stated.fixed_length
         if text == "!":
-            return HELD_ANGLE_SIGMA_RAD if angular else HELD_LENGTH_SIGMA_M
+            return fixed
         if entered:
             scale = self._angular_error(line) if angular else self.metres
             field = self.source.field(line, text, f"standard error of the {setting}")
             value = field.number(scale=scale, least=0.0)
             if value == 0:
-                return HELD_ANGLE_SIGMA_RAD if angular else HELD_LENGTH_SIGMA_M
+                return fixed
             return self._centred(line, kind, value, 0.0) if self.now.add_centring else value
         out = self._default(line, kind, angular, distance)
         if text != "*":
@@ -295,153 +318,13 @@ class StarNetValues:
             return math.nan
         if kind == "elevation":
             return math.hypot(constant, *parts, *parts)
-        heights = dict.fromkeys(VERTICAL, parts[2]) if len(parts) > 2 else {}
-        return StandardDeviation(constant, ppm, 0.0, parts[0], parts[1], **heights)
-
-
-def apply_inline_option(values: StarNetValues, line: int, words: list[str]) -> str | None:
-    """Apply an inline option; return its full name, or None if it is refused.
-
-    Options may be abbreviated as far as they differ from others.
-    """
-    name, every = words[0][1:].upper(), (*APPLIED_OPTIONS, *PRINTING_OPTIONS, *REFUSED_OPTIONS)
-    found = [o for o in every if o == name] or [o for o in every if name and o.startswith(name)]
-    if len(found) != 1:
-        valid = known((*APPLIED_OPTIONS, *PRINTING_OPTIONS), meant=name, most=40)
-        values.source.wrong(line, f"inline option {words[0]!r} is unknown; valid: {valid}")
-        return None
-    option = found[0]
-    if option in REFUSED_OPTIONS:
-        values.source.wrong(
-            line, f"inline option .{option} is not built: {REFUSED_OPTIONS[option]}"
+        height = parts[2] if len(parts) > 2 else None
+        return StandardDeviation(
+            constant,
+            ppm,
+            0.0,
+            parts[0],
+            parts[1],
+            vertical_instrument=height,
+            vertical_target=height,
         )
-        return None
-    if option in APPLIED_OPTIONS:
-        APPLIED_OPTIONS[option](values, line, words[1:])
-    return option
-
-
-def _apply_nothing(values: StarNetValues, line: int, given: list[str]) -> None:
-    """Change no convention: what reads the lines applies the option."""
-
-
-def _apply_2d(values: StarNetValues, line: int, given: list[str]) -> None:
-    values.now.dimension = "2D"
-
-
-def _apply_3d(values: StarNetValues, line: int, given: list[str]) -> None:
-    values.now.dimension = "3D"
-
-
-def _apply_units(values: StarNetValues, line: int, given: list[str]) -> None:
-    now, project = values.now, values.project()
-    if not given:
-        now.linear, now.angular = project.linear, project.angular
-    for said in given:
-        word = said.lower()
-        fitting = [n for n in STAR_NET_LINEAR_UNITS if n.startswith(word)]
-        linear = word if word in STAR_NET_LINEAR_UNITS else fitting[0] if fitting else ""
-        sizes = {STAR_NET_LINEAR_UNITS[n] for n in fitting}
-        if word.upper() in ("DMS", "GONS"):
-            now.angular = word.upper()
-        elif linear and (linear == word or len(sizes) == 1):
-            now.linear = linear
-        else:
-            valid = "Meters, FeetUS, FeetInt, DMS, GONS"
-            values.source.wrong(line, f".UNITS {said[:40]}: valid: {valid}")
-
-
-def _apply_order(values: StarNetValues, line: int, given: list[str]) -> None:
-    now, project = values.now, values.project()
-    if not given:
-        now.order, now.stations = project.order, project.stations
-    for said in given:
-        stations = {"ATFROMTO": "AtFromTo", "FROMATTO": "FromAtTo"}.get(said.upper())
-        if said.upper() in ("NE", "EN"):
-            now.order = said.upper()
-        elif stations is not None:
-            now.stations = stations
-        else:
-            values.source.wrong(line, f".ORDER {said}: valid: NE, EN, AtFromTo, FromAtTo")
-
-
-def _is_on(values: StarNetValues, line: int, option: str, given: list[str]) -> bool | None:
-    """Return whether an option is ON or OFF; None without a word, and after a problem."""
-    word = " ".join(given).upper()
-    field = values.source.field(line, word, option)
-    return field.choice({"ON": True, "OFF": False}, default=None)
-
-
-def _apply_delta(values: StarNetValues, line: int, given: list[str]) -> None:
-    on = _is_on(values, line, ".DELTA", given)
-    stated = values.project().distances
-    values.now.distances = stated if on is None else "horizontal" if on else "slope"
-
-
-def _apply_centring(values: StarNetValues, line: int, given: list[str]) -> None:
-    values.now.add_centring = bool(_is_on(values, line, ".ADDCENTERING", given))
-
-
-def _apply_separator(values: StarNetValues, line: int, given: list[str]) -> None:
-    values.now.separator = given[0] if given and len(given[0]) == 1 else "-"
-
-
-def _apply_multiplier(values: StarNetValues, line: int, given: list[str]) -> None:
-    field = values.source.field(line, given[0] if given else None, ".MULTIPLIER")
-    number = field.number(above=0.0, default=1.0)
-    values.now.multiplier = 1.0 if math.isnan(number) else number
-
-
-def _apply_refraction(values: StarNetValues, line: int, given: list[str]) -> None:
-    field = values.source.field(line, given[0] if given else None, ".REFRACTION")
-    number = field.number_or_none()
-    values.now.refraction = values.project().refraction if number is None else number
-
-
-def _apply_longitude(values: StarNetValues, line: int, given: list[str]) -> None:
-    stated = values.project().longitude
-    signs = {"": stated, "POS": "west positive", "NEG": "east positive"}
-    said = "".join(given).upper()[:3]
-    if said not in signs:
-        values.source.wrong(line, f".LONGITUDE {' '.join(given)}: valid: POS (west), NEG (west)")
-    values.now.longitude = signs.get(said, stated)
-
-
-def _apply_level_weight(values: StarNetValues, line: int, given: list[str]) -> None:
-    level = values.source.field(line, given[0] if given else None, ".LWEIGHT")
-    number = level.number(above=0.0, default=math.nan)
-    if number > 0:
-        values.options = replace(values.options, level=number)
-
-
-def _apply_instrument(values: StarNetValues, line: int, given: list[str]) -> None:
-    """Apply the standard errors of an instrument; without a name those of the project."""
-    level = values.options.level  # .LWEIGHT holds on
-    library = {str(n).upper(): errors for n, errors in values.stated.instruments.items()}
-    errors = library.get(given[0].upper()) if given else {}
-    if errors is None:
-        what = f".INSTRUMENT {given[0][:30]}: its standard errors are in the project of STAR*NET"
-        valid = known(list(values.stated.instruments), meant=given[0]) or "none"
-        values.source.wrong(line, f"{what}: state them in options, instruments; stated: {valid}")
-        return
-    changed: dict[str, Any] = {"level": level, **errors}
-    values.options = replace(values.stated, **changed)
-
-
-APPLIED_OPTIONS: dict[str, Callable[[StarNetValues, int, list[str]], None]] = {
-    "UNITS": _apply_units,
-    "ORDER": _apply_order,
-    "DELTA": _apply_delta,
-    "REFRACTION": _apply_refraction,
-    "SEPARATOR": _apply_separator,
-    "MULTIPLIER": _apply_multiplier,
-    "ADDCENTERING": _apply_centring,
-    "2D": _apply_2d,
-    "3D": _apply_3d,
-    "DATA": _apply_nothing,
-    "LWEIGHT": _apply_level_weight,
-    "INSTRUMENT": _apply_instrument,
-    "LONGITUDE": _apply_longitude,
-    "GPS": _apply_nothing,
-}
-"""Inline options that change what is read, and the functions that apply them."""

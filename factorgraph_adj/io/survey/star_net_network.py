@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,19 +12,26 @@ import numpy as np
 from ...crs.reference_system import ReferenceSystem
 from ...errors import InputError
 from ...frames import LocalFrame
+from ...graph.equations import compile_network
 from ...network.grid.conversion import from_grid
 from ...network.network import Network
-from ...observations import Observation
+from ...observations import Azimuth, HeightDifference, HorizontalDistance, Observation
+from ...start.approximate_values import partial_approximation
 from ...types import Array
 from ..source import Source
 from .star_net_options import StarNetOptions
 from .star_net_points import StarNetPoint, StarNetPoints, StarNetVectors
+
+CONVERTED_KINDS = (Azimuth, HorizontalDistance, HeightDifference)
+"""Kinds that may need the places of their points when they leave the grid."""
 
 
 @dataclass(frozen=True)
 class StarNetContent:
     """What the data files of a project hold."""
 
+    name: str
+    """Name of the project."""
     options: StarNetOptions
     """Settings of the project."""
     points: StarNetPoints
@@ -35,6 +42,8 @@ class StarNetContent:
     """All observations besides the vectors."""
     refractions: Mapping[str, float]
     """Coefficient of refraction of STAR*NET by refraction group."""
+    meant: Mapping[str, str]
+    """What an azimuth counts from, or where a horizontal distance is, by file and line."""
     source: Source
     """Problems of the files, and rows that are left out."""
 
@@ -53,10 +62,12 @@ def local_network(read: StarNetContent, adjustment: str) -> Network:
     return network
 
 
-def grid_network(
-    read: StarNetContent, system: ReferenceSystem, adjustment: str, **options: Any
-) -> Network:
+def grid_network(read: StarNetContent, system: ReferenceSystem, adjustment: str) -> Network:
     """Return the network of a project in a grid, in a topocentric frame.
+
+    Azimuths, reduced distances and height differences are converted at their points. Where these
+    have no coordinates, approximate ones follow from the observations: 1 m there changes an azimuth
+    by 0.03″ tan φ.
 
     Raises:
         InputError: as `from_grid`, with file and line of points and observations.
@@ -68,11 +79,41 @@ def grid_network(
     with _problems_with_point_lines(read.points, read.source):
         vectors = read.vectors.observations(lambda names: _station_horizons(network, system, names))
     read.source.raise_all()
-    _add_observations(network, [*read.observations, *vectors], read.source)
+    _add_observations(network, read.observations, read.source)
+    _approximate_places(network)
+    _add_observations(network, vectors, read.source)
     read.source.problems.finish(network)
     sources = {("point", n): read.source.place(p.line) for n, p in read.points.points.items()}
     with _problems_with_point_lines(read.points, read.source):
-        return from_grid(network, system, vectors="geocentric", sources=sources, **options)
+        return from_grid(
+            network,
+            system,
+            vectors="geocentric",
+            sources=sources,
+            azimuths=_meant(network, read, Azimuth),
+            horizontal_distances=_meant(network, read, HorizontalDistance),
+        )
+
+
+def _meant(network: Network, read: StarNetContent, kind: type[Observation]) -> dict[str, Any]:
+    """Return what the observations of a kind count from, or where they are, by id."""
+    return {
+        ident: read.meant[o.source]
+        for ident, o in network.observations.items()
+        if isinstance(o, kind) and o.source is not None
+    }
+
+
+def _approximate_places(network: Network) -> None:
+    """Give points their approximate coordinates where conversion needs a place and has none."""
+    unknown = {n for n, p in network.points.items() if not np.isfinite(p.coordinates).all()}
+    converted = (o for o in network.observations.values() if isinstance(o, CONVERTED_KINDS))
+    if not any(unknown.intersection(o.points()) for o in converted):
+        return
+    state, _ = partial_approximation(compile_network(network))
+    for name, found in zip(network.points, state["point"].tolist(), strict=True):
+        if name in unknown and np.isfinite(found).all():
+            network.points[name] = replace(network.points[name], coordinates=tuple(found))
 
 
 def _points_network(
@@ -80,7 +121,7 @@ def _points_network(
 ) -> Network:
     """Return the network of the points; those of a 2D project have the height, in metres."""
     held = read.points.anything_held(adjustment)
-    network = Network(read.source.path.stem, frame=frame, datum="given" if held else "free")
+    network = Network(read.name, frame=frame, datum="given" if held else "free")
     read.points.add_to(network, adjustment, height)
     return network
 

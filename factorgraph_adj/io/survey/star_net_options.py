@@ -41,6 +41,10 @@ INSTRUMENT_SETTINGS = (
     *("elevation_ppm", "centring_instrument", "centring_target", "centring_vertical"),
 )
 """Settings that an instrument has of its own."""
+POSITIVE_SETTINGS = (
+    *("earth_radius", "scale", "fixed_length", "fixed_angle", "gps_factor", "gps_factor_vertical"),
+)
+"""Settings that have a default and cannot be 0."""
 
 
 @dataclass(frozen=True)
@@ -99,6 +103,16 @@ class StarNetOptions:
     """Sign of longitudes: west positive or east positive."""
     elevation_of_project: float | None = None
     """Elevation of a 2D project in a grid, linear unit."""
+    scale: float = 1.0
+    """Factor of horizontal lengths of a local project."""
+    fixed_length: float = 1e-5
+    """Standard error of lengths that are fixed by ``!``, metres."""
+    fixed_angle: float = 0.01
+    """Standard error of angles that are fixed by ``!``, seconds."""
+    gps_factor: float = 1.0
+    """Factor of the horizontal standard errors of GPS vectors, before .GPS FACTOR."""
+    gps_factor_vertical: float = 1.0
+    """Factor of their vertical standard errors."""
     instruments: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     """Standard errors of the instruments of the project by name (``.INSTRUMENT``); what one does
     not state is that of the project."""
@@ -125,8 +139,10 @@ class StarNetOptions:
             number = isinstance(value, int | float) and not isinstance(value, bool)
             if not (number and math.isfinite(value) and least <= value <= 1e9):
                 problems.append(Problem(f"{f.name} must be a number ≥ 0, not {value!r}"))
-        if not (isinstance(self.earth_radius, int | float) and self.earth_radius > 0):
-            problems.append(Problem(f"earth_radius must be > 0, not {self.earth_radius!r}"))
+        for name in POSITIVE_SETTINGS:
+            value = getattr(self, name)
+            if not (isinstance(value, int | float) and value > 0):
+                problems.append(Problem(f"{name} must be > 0, not {value!r}"))
         if problems:
             raise InputError(problems)
 

@@ -28,6 +28,7 @@ from ...observations import Azimuth, GnssVector, HorizontalAngle, Observation
 from ...types import Array
 from ..source import Source, is_unread
 from .star_net_lines import BEARING_PATTERN, DMS_PATTERN, HELD_LENGTH_SIGMA_M, StarNetValues
+from .star_net_options import StarNetOptions
 
 WEIGHT_FORMS = ("COVARIANCE", "STDERRCORRELATION", "STDERRORS")
 """What G2 and G3 hold: variances and covariances, standard errors and correlations, or standard
@@ -81,12 +82,20 @@ class StarNetVector:
 class StarNetVectors:
     """The vectors of the files, and the options in force."""
 
-    def __init__(self, source: Source) -> None:
+    def __init__(self, source: Source, options: StarNetOptions) -> None:
         """Start without vectors."""
         self.source = source
         self.vectors: list[StarNetVector] = []
         self.weight = "COVARIANCE"
-        self.factors = (1.0, 1.0)
+        self.factors = (options.gps_factor, options.gps_factor_vertical)
+
+    def state(self) -> tuple[str, tuple[float, float]]:
+        """Return what .GPS changes, to be restored behind an included file."""
+        return self.weight, self.factors
+
+    def restore(self, state: tuple[str, tuple[float, float]]) -> None:
+        """Restore what `state` returned."""
+        self.weight, self.factors = state
 
     def option(self, line: int, words: list[str]) -> None:
         """Apply the words behind .GPS."""
@@ -245,6 +254,7 @@ class StarNetPoints:
             what = f"{code} takes a name, {n} coordinates and up to {n} standard errors"
             source.wrong(line, f"{what}, not {len(words)} words")
             return
+        words = [self.given.canonical(words[0]), *words[1:]]
         self.use(line, words[0])
         point = self.points.get(words[0], StarNetPoint(line))
         if code in ("P", "PH"):
@@ -402,7 +412,7 @@ class StarNetTraverse:
             elif BEARING_PATTERN.fullmatch(words[0]) or DMS_PATTERN.fullmatch(words[0]):
                 self.backsight = self.values.bearing(line, words[0], "bearing of TB")
             else:
-                self.stations.append(words[0])
+                self.stations.append(self.values.canonical(words[0]))
             return
         if self.stations is None:
             self.values.source.wrong(line, f"{code} without TB: a traverse begins with TB")
@@ -410,6 +420,7 @@ class StarNetTraverse:
         if not words:
             self.values.source.wrong(line, f"{code} takes the name of the station")
             return
+        words = [self.values.canonical(words[0]), *words[1:]]
         self._leg(words[0])
         self.stations.append(words[0])
         if code == "T":
@@ -447,5 +458,6 @@ class StarNetTraverse:
             value = self.values.bearing(line, words[2], "closing bearing") - angle
             self.add(line, Azimuth, [at, back], value % (2 * math.pi), sigma)
             return
+        words = [*words[:2], self.values.canonical(words[2]), *words[3:]]
         self.points.use(line, words[2])
         self.add(line, HorizontalAngle, [at, back, words[2]], angle % (2 * math.pi), sigma)

@@ -50,9 +50,9 @@ def from_grid(
     frame: Frame | Literal["topocentric", "geocentric"] = "topocentric",
     deflections: Deflections = "none",
     geoid_offset: float | None = None,
-    azimuths: Azimuths | None = None,
+    azimuths: Azimuths | Mapping[str, Azimuths] | None = None,
     vectors: Vectors | None = None,
-    horizontal_distances: Distances = "measured",
+    horizontal_distances: Distances | Mapping[str, Distances] = "measured",
     sources: Mapping[tuple[str, str], str] | None = None,
 ) -> Network:
     """Return the network of grid coordinates in a frame where the Earth is as it is.
@@ -84,8 +84,8 @@ def from_grid(
             control share (the level surface ``geoid`` of the new network); infinite: free; None:
             the geoid is taken as it is. Then no point is held in its height. Positions of GNSS and
             of photos take no part in it: their heights came from the ellipsoid.
-        azimuths: whether azimuths count from ``true`` or from ``grid`` north; the curvature of the
-            projected line is not added.
+        azimuths: whether azimuths count from ``true`` or from ``grid`` north, all of them or by id;
+            the curvature of the projected line is not added.
         vectors: whether GNSS vectors are ``geocentric``, or along ``grid`` east, grid north and up
             at their station.
         horizontal_distances: whether horizontal distances are as ``measured``, or were reduced to
@@ -158,10 +158,12 @@ def _check(network: Network, options: GridOptions) -> None:
     if not isinstance(network.frame, LocalFrame):
         problems.append(Problem("the network is in a frame on the Earth already", "frame"))
     for name, valid in CHOICES.items():
-        given = getattr(options, name)
-        if given not in valid:
-            valid_names = known([v for v in valid if v is not None], meant=str(given))
-            problems.append(Problem(f"unknown {name} {given!r}; valid: {valid_names}"))
+        stated = getattr(options, name)
+        every = dict.fromkeys(stated.values()) if isinstance(stated, Mapping) else (stated,)
+        for given in every:
+            if given not in valid:
+                valid_names = known([v for v in valid if v is not None], meant=str(given))
+                problems.append(Problem(f"unknown {name} {given!r}; valid: {valid_names}"))
     d = options.deflections
     if isinstance(d, str):
         if d not in ("none", "held"):
@@ -305,6 +307,14 @@ def _observations(
         network.photo_number,
         {str(n): (p.values[0], p.values[1]) for n, p in verticals.items()},
     )
+    contexts: dict[GridOptions, Context] = {}
+
+    def of_observation(ident: str) -> Context:
+        options = move.options.of(ident)
+        if options not in contexts:
+            contexts[options] = replace(context, move=replace(move, options=options))
+        return contexts[options]
+
     observations = list(network.observations.items())
     own = [own_place(o, network.frame) for _, o in observations]
     nan = np.full(3, np.nan)
@@ -316,7 +326,7 @@ def _observations(
     became: dict[str, tuple[list[str], Array]] = {}
     for row, (ident, o) in enumerate(observations):
         try:
-            found, matrix = converted(o, context, places, row)
+            found, matrix = converted(o, of_observation(ident), places, row)
         except InputError as error:
             problems += error.problems
             continue

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal, TypeAlias
 
@@ -39,12 +39,21 @@ class GridOptions:
     """Deflections at stations."""
     geoid_offset: float | None = None
     """σ (m) of an unknown offset of the geoid that all heights share; infinite: free; None: 0."""
-    azimuths: Azimuths | None = None
-    """What azimuths count from; None: a network with azimuths is refused."""
+    azimuths: Azimuths | Mapping[str, Azimuths] | None = None
+    """What azimuths count from, all of them or by id; None: a network with azimuths is refused."""
     vectors: Vectors | None = None
     """Axes of GNSS vectors; None: a network with such is refused."""
-    horizontal_distances: Distances = "measured"
-    """Where horizontal distances are."""
+    horizontal_distances: Distances | Mapping[str, Distances] = "measured"
+    """Where horizontal distances are, all of them or by id."""
+
+    def of(self, ident: str) -> GridOptions:
+        """Return the options of one observation."""
+        azimuths, distances = self.azimuths, self.horizontal_distances
+        if isinstance(azimuths, Mapping):
+            azimuths = azimuths.get(ident)
+        if isinstance(distances, Mapping):
+            distances = distances.get(ident, "measured")
+        return replace(self, azimuths=azimuths, horizontal_distances=distances)
 
 
 @dataclass(frozen=True, eq=False)

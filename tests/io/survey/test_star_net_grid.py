@@ -22,7 +22,10 @@ METRIC: dict[str, Any] = {
     **{"stations": "AtFromTo", "distances": "slope", "refraction": 0.07, "azimuth": 5.0},
     **{"distance": 0.002, "distance_ppm": 2.0, "weight_levels_by": "length"},
     **{"centring_instrument": 0.001, "centring_target": 0.001, "longitude": "west positive"},
+    "centring_vertical": 0.001,
 }
+KINDS_OF_GRID = ("azimuth", "horizontal_distance")
+"""Kinds that .GRID and .MEASURE concern."""
 GRID = "EPSG:25832"
 UTM = GRIDS["UTM 32"]
 N = 46.5
@@ -151,6 +154,46 @@ def test_distances_directions_and_bearings_of_a_grid_are_not_those_of_a_plane(
     assert np.degrees(grid_one - difference) == pytest.approx(1.86, abs=0.01)
 
 
+def test_grid_and_measure_change_what_follows_as_the_options_change_all(tmp_path: Path) -> None:
+    """Each of the lines behind an option is that of a file where it holds for all."""
+    body = "B A-B 53-0-0 1\n.DELTA ON\nD A-B 1860.5 0.002\n.DELTA OFF\n"
+    head = "\n".join([line_of("C", "A", "! ! !"), line_of("C", "B")]) + "\n"
+    parts = (
+        ("", {}),
+        (".MEASURE BEAR DIST=ELLIP\n", {"azimuths": "true", "horizontal_distances": "ellipsoid"}),
+        (".GRID AZIMUTHS DISTANCES\n", {"horizontal_distances": "grid"}),
+        (".MEASURED DIST=GROUND\n", {}),
+    )
+    together = read(tmp_path, head + "".join(option + body for option, _ in parts))
+    found = [o.value for o in together.observations.values() if o.kind in KINDS_OF_GRID]
+    expected = []
+    for _, options in parts:
+        network = read(tmp_path, head + body, **options)
+        expected += [o.value for o in network.observations.values() if o.kind in KINDS_OF_GRID]
+    assert found == expected
+    assert len(set(expected[1::2])) == 3 and len(set(expected[::2])) == 2
+
+
+def test_azimuths_at_points_without_coordinates_get_approximate_ones(tmp_path: Path) -> None:
+    """B is on a polar sight from A; the azimuth there turns with the convergence at that place."""
+    east, north, _ = grid("A") - grid("B")
+    bearing = np.degrees(np.arctan2(east, north)) % 360
+    distance = float(np.linalg.norm(xyz("B") - xyz("A")))
+    up = grid("B")[2] - grid("A")[2]
+    text = "\n".join(
+        [
+            line_of("C", "A", "! ! !"),
+            f"E B {grid('B')[2]:.4f} !",
+            f"B B-A {dms(bearing)} 1",
+            f"D A-B {distance:.6f} 0.002",
+        ]
+    )
+    assert abs(up) < distance
+    solution = fga.adjust(read(tmp_path, text))
+    # Without t − T, 0.3″ of an oblique line of 1.9 km 180 km east of the central meridian.
+    np.testing.assert_allclose(fga.grid_coordinates(solution).point("B"), grid("B"), atol=0.01)
+
+
 def test_refraction_of_a_grid_project_is_gauss_k(tmp_path: Path) -> None:
     text = "\n".join([line_of("C", "A", "! ! !"), line_of("C", "B"), "V A-B 89-30-00 3"])
     network = read(tmp_path, text)
@@ -219,7 +262,12 @@ def test_further_files_go_on_with_lines_of_their_own(tmp_path: Path) -> None:
         (".GPS CENTERING 0.002", ".GPS CENTERING is not built: add the centring"),
         (".GPS WHAT", ".GPS WHAT is unknown"),
         (".LONGITUDE WHAT", ".LONGITUDE WHAT: valid: POS"),
-        (".GRID DISTANCE", "azimuths= and horizontal_distances="),
+        (".GRID ANGLES", ".GRID ANGLES: valid: BEARINGS, DISTANCES; directions and angles are as"),
+        (".GRID", ".GRID takes BEARINGS or DISTANCES"),
+        (".GRID DIST=GROUND", ".GRID DISTANCES=GROUND: valid without ="),
+        (".MEASURE DIST=MOON", ".MEASURE DISTANCES=MOON: valid: DIST=GROUND, =ELLIPSOIDAL"),
+        (".MEASURE BEAR=GRID", ".MEASURE BEARINGS=GRID: valid"),
+        (".SCALE 0.9996", "inline option .SCALE belongs to local projects"),
         ("GT A 1 2", "data type GT is not built"),
     ],
 )
