@@ -367,7 +367,7 @@ DESCRIPTOR = re.compile(rb"[#'\"].*")
 
 
 def is_star_net(path: Path) -> bool:
-    """Return whether a file is data of STAR*NET: the first line of its beginning is, and nearly all are.
+    """Return whether a file is data of STAR*NET: its first line is, and nearly all others are.
 
     A line begins with a data type and names or coordinates, or is an inline option; rows of tables,
     with commas or without, are neither. A wrong line is reported by the reader.
