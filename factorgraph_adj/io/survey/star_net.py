@@ -355,7 +355,7 @@ def _within(folder: Path, inner: Path) -> str:
 
 DATA_LINE = re.compile(
     rb"(?:C|CH|E|EH|P|PH)[ \t]+\S+(?:[ \t]+[-+]?\d[-\d.:]*)+(?:[ \t]+[!*.\d]+)*"
-    rb"|(?:A|M|SS|D|V|DV|B|BM|L)[ \t]+\S+[^\w\s]\S+(?:[ \t].*)?"
+    rb"|(?:A|M|SS|D|V|DV|B|BM|L)[ \t]+\S+[^\w\s.]\S+(?:[ \t].*)?"
     rb"|(?:DB|DN|DM|TB|T|TE)[ \t]+\S.*|DE|G0.*|G[1-3][ \t]+\S.*"
     rb"|\.[A-Z0-9]+(?:[ \t]+\S.*)?",
     re.IGNORECASE,
