@@ -31,6 +31,8 @@ STANDARD_ERRORS = (
 GNSS_ELEMENTS = ("ECEFDeltas", "ECEF", "WGS84")
 """Elements of a point that was measured with GNSS."""
 GNSS_POINTS = LeftOutReason("points of GNSS", "sights of total stations alone are read")
+WITHOUT_NAME = LeftOutReason("records of points", "they have no name (<Name>)")
+WITHOUT_STATION = LeftOutReason("sights", "the file has no record of their station (StationRecord)")
 
 
 def read_jobxml(
@@ -48,6 +50,9 @@ def read_jobxml(
     where ``fixed`` names the point. Standard errors of the file count (of a set their root mean
     square) unless ``accuracies`` states others. Refraction and curvature that the instrument has
     applied do not concern raw readings.
+
+    Left out and counted are points without a name, and sights that name no station or whose file
+    has no record of any; where it has some, a sight that names another is an error.
 
     Means of several rounds (``MTA``, ``Method`` MeanTurnedAngle), GNSS records, notes, units and
     all other records are not read: they hold no readings of circles.
@@ -110,6 +115,9 @@ class _Reader:
 
     def _point(self, record: Element) -> None:
         inside = self.source.inside
+        if inside(record, "Name").is_absent:
+            self.source.leave_out(record.line, WITHOUT_NAME, record.attributes.get("ID", ""))
+            return
         name = inside(record, "Name").name()
         self._coordinates(record, name, "Grid")
         circle = element_at(record, "Circle")
@@ -117,10 +125,11 @@ class _Reader:
             self.source.leave_out(record.line, GNSS_POINTS, name)
         if circle is None or not name:
             return
+        if not text_at(record, "StationID") or "StationRecord" not in self.records:
+            self.source.leave_out(record.line, WITHOUT_STATION, name)
+            return
         station = self._record(record, "StationRecord", "StationID")
         if station is None:
-            if not text_at(record, "StationID"):
-                self.source.wrong(record.line, f"the sight to {name!r} has no <StationID>")
             return
         ident = text_at(record, "StationID")
         if ident != self.at:

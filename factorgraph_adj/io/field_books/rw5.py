@@ -141,7 +141,9 @@ OTHER_RECORDS = (
 REPEATED_RECORDS = ("RB", "RD", "RF", "RS", "MD")
 """Records of TDS with readings of several sights each."""
 RW5_TYPES = dict.fromkeys((*RW5_RECORDS, "JB", *OTHER_RECORDS, *GNSS_RECORDS), True)
-GNSS = LeftOutReason("records of GNSS", "sights of total stations alone are read")
+GNSS = LeftOutReason(
+    "records of GNSS", "sights of total stations alone are read: give vectors as GVX or DynaML"
+)
 OFFSETS = LeftOutReason(
     "records", "offsets, staking out, attributes and design are no readings of points"
 )
@@ -212,17 +214,11 @@ class _Reader:
         """Whether the sights of the present set are azimuths; None: it has none."""
         self.stated: dict[str, list[tuple[int, tuple[float, ...]]]] = {}
         """Lines and coordinates (east, north, elevation) by point."""
-        self.gnss = 0
 
     def finish(self) -> Network:
         """Return the network."""
         self._use_coordinates()
-        book = self.book
-        if self.gnss and not book.points and not self.source.problems.count:
-            n = "1 record" if self.gnss == 1 else f"{self.gnss} records"
-            what = f"holds {n} of GNSS, which are left out, and neither points nor sights: give "
-            self.source.wrong(1, f"{what}vectors of GNSS as GVX or DynaML")
-        return book.network()
+        return self.book.network()
 
     def read(self, line: int, text: str) -> None:
         """Read a record."""
@@ -239,7 +235,6 @@ class _Reader:
         given = self._by_header(line, words)
         name = next((given[k] for k in ("PN", "FP", "OP") if k in given), code)
         if code in GNSS_RECORDS:
-            self.gnss += 1
             self.source.leave_out(line, GNSS, name)
         elif code not in RW5_RECORDS:
             self.source.leave_out(line, OFFSETS, name)

@@ -184,7 +184,9 @@ def test_records_of_gnss_and_offsets_are_left_out_and_counted(tmp_path):
     ]
     with pytest.raises(InputError) as error:
         read(tmp_path, "JB,NMA,DT1,TM2\n" + MODE + gnss)
-    assert str(error.value).startswith("book.rw5:1: holds 2 records of GNSS, which are left out")
+    assert str(error.value).startswith(
+        "book.rw5:1: holds neither points nor observations; records of GNSS: 2 left out, as sights"
+    )
 
 
 def test_several_carriage_returns_end_one_line(tmp_path):
