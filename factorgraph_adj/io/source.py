@@ -146,6 +146,10 @@ class Problems:
         """Count and name a row that is left out; ``name``: of its photo, points or itself."""
         self.left_out.setdefault(why, []).append((name, where))
 
+    def counts_left_out(self) -> list[str]:
+        """Return how many rows are left out for each reason, in words."""
+        return [f"{w.what}: {len(r)} left out, as {w.why}" for w, r in self.left_out.items()]
+
     def ordered(self) -> list[Problem]:
         """Return the problems in the order of files and lines."""
         rank = {name: i for i, name in enumerate(self.files)}

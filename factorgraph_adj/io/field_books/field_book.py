@@ -358,12 +358,8 @@ class FieldBook:
             self._take_backsights(at)
         reduced = [self._reduced(k, list(v)) for k, v in self.readings.items()]
         if not self.source.problems.count and not reduced and not self.others and not self.points:
-            left = [
-                f"{why.what}: {len(rows)} left out, as {why.why}"
-                for why, rows in self.source.problems.left_out.items()
-            ]
-            what = "holds neither points nor observations"
-            self.source.wrong(1, "; ".join([what, *left]))
+            left = self.source.problems.counts_left_out()
+            self.source.wrong(1, "; ".join(["holds neither points nor observations", *left]))
         held = self.held
         self._check_held()
         self.source.raise_all()
