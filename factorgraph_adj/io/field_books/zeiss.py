@@ -85,8 +85,10 @@ def read_zeiss(
     in KN STAT they are readings of the circle before its orientation, which the orientation ``Om``
     brings to that of the sights that follow, and have no zenith reading, unless they have a
     distance, since the height of their target is not stated. In the other programs they are a set
-    of their own. Coordinates of points are approximate ones, held where ``fixed`` names them; of
-    several the first ones count, and those that follow readings of a point are derived from them.
+    of their own. An orientation point that has the number of the station, as an Elta counts, has
+    its code behind it. Coordinates of points are approximate ones, held where ``fixed`` names them;
+    of several the first ones count, and those that follow readings of a point are derived from
+    them.
 
     The point number has the columns 16-27 of the information of M5, its code 11-15, or those that
     a START block states; on an Elta 1-19 and 20-24. Codes other than S and those of a stationing
@@ -182,6 +184,7 @@ class _Orientation:
 
     line: int
     name: str
+    code: str
     values: dict[str, float]
     target_height: float
 
@@ -202,6 +205,8 @@ class _Reader:
         self.stationing = ""
         """Last program that determined a station."""
         self.orientations: list[_Orientation] = []
+        self.known: list[tuple[int, str, str, tuple[float | None, float | None, float | None]]] = []
+        """Coordinates of orientation points of the present stationing: line, number, code."""
         self.rotation: float | None = None
         self.station: tuple[int, str] | None = None
         self.begun = False
@@ -302,6 +307,10 @@ class _Reader:
                 number, self.used_stations = self.used_stations, self.used_stations + 1
                 name = self.stations[number] if number < len(self.stations) else name
             self.station, self.begun = (line, name), False
+            self._note_known()
+        elif self.program in STATIONINGS and code in ORIENTATION_CODES:
+            self.known.append((line, name, code, (east, north, up)))
+            return
         elif is_station and up is not None and self.station is not None:
             # A stationing in height replaces the height of the station, whose record has a number
             # of its own where the instrument counts its records.
@@ -310,10 +319,21 @@ class _Reader:
             return
         self.book.point(line, name, east, north, up, agree=False)
 
+    def _name(self, number: str, code: str) -> str:
+        """Return the name of an orientation point, which may have the number of the station."""
+        is_stations = self.station is not None and number == self.station[1]
+        return f"{number} {code}" if is_stations else number
+
+    def _note_known(self) -> None:
+        """Note the coordinates of orientation points."""
+        for line, number, code, (east, north, up) in self.known:
+            self.book.point(line, self._name(number, code), east, north, up, agree=False)
+        self.known = []
+
     def _reading(self, line: int, code: str, name: str, values: dict[str, float]) -> None:
         of_stationing = self.program in STATIONINGS and code in ORIENTATION_CODES
         if of_stationing and (self.program != "EL STAT" or self.station is None):
-            self.orientations.append(_Orientation(line, name, values, self.target_height))
+            self.orientations.append(_Orientation(line, name, code, values, self.target_height))
             return
         self._start()
         self.sighted = name
@@ -360,16 +380,18 @@ class _Reader:
             if is_known and not values.get("SD"):
                 zeniths = [values.pop(v) for v in ("V1", "V2", "V3") if v in values]
                 if zeniths:
-                    self.source.leave_out(of.line, ZENITHS_OF_ORIENTATION, of.name)
+                    name_of = self._name(of.name, of.code)
+                    self.source.leave_out(of.line, ZENITHS_OF_ORIENTATION, name_of)
             if rotation is not None and "Hz" in values:
                 values["Hz"] = (values["Hz"] + rotation) % (2 * math.pi)
-            self._sight(of.line, of.name, values, of.target_height)
+            self._sight(of.line, self._name(of.name, of.code), values, of.target_height)
         if self.orientations and rotation is None:
             self.book.begin(line, name, height)  # the circle was turned behind the stationing
         self.orientations = []
 
     def _finish(self) -> None:
         """End the set-up of the present station."""
+        self._note_known()
         if self.station is not None and self.orientations:
             self._start()
         elif self.orientations:

@@ -99,6 +99,8 @@ class ZeissLayout:
     """Layout of the lines of one format."""
 
     name: str
+    beginning: re.Pattern[str]
+    """Beginning of a line, which tells the layout but for REC 500."""
     line: re.Pattern[str]
     """A line: ``block``, ``info``, ``values``, ``error``."""
     valid: str
@@ -114,6 +116,7 @@ NUMBER_THEN_CODE = PointColumns(code=slice(19, 24), number=slice(0, 19))
 LAYOUTS = (
     ZeissLayout(
         "M5",
+        re.compile(r"For[ _]M5\|Adr\s+\d+\s*\|[A-Z]{2}"),
         re.compile(
             rf"For[ _]M5\|Adr\s+\d+\s*\|(?P<block>[A-Z]{{2}})[0-9 ] (?P<info>[^|]{{27}})\|{_THREE}"
             r"(?P<error>[Ee]?)\s*"
@@ -123,18 +126,21 @@ LAYOUTS = (
     ),
     ZeissLayout(
         "R5",
+        re.compile(r"For[ _]R5\|Adr\s+\d+\s*\|[A-Z]{2}"),
         re.compile(rf"For[ _]R5\|Adr\s+\d+\|(?P<block>KR|TR) (?P<info>[^|]{{7}})\|{_THREE}\s*"),
         "'For R5', an address, KR or TR with 7 characters, and three values, with | between",
         PointColumns(slice(0, 3), slice(3, 7)),
     ),
     ZeissLayout(
         "R4",
+        re.compile(r"For[ _]R4\|(KR|TR) "),
         re.compile(rf"For[ _]R4\|(?P<block>KR|TR) (?P<info>[^|]{{7}})\|{_THREE}\s*"),
         "'For R4', KR or TR with 7 characters, and three values, with | between",
         PointColumns(slice(0, 3), slice(3, 7)),
     ),
     ZeissLayout(
         "REC 500",
+        re.compile(r"[ ]{3}[ 0-9]{3}[0-9] "),
         re.compile(r"[ ]{3}[ 0-9]{3}[0-9] (?P<info>[ -~]{1,28})(?P<values>.*)"),
         "an address in columns 4-7, an information in 9-36, and values behind them",
         NUMBER_THEN_CODE,
@@ -151,7 +157,7 @@ def layout_of(lines: list[str]) -> ZeissLayout | None:
     """
     filled = [line.rstrip() for line in lines if line.strip()][:20]
     for layout in LAYOUTS[:3]:
-        if filled and layout.line.fullmatch(filled[0]):
+        if filled and layout.beginning.match(filled[0]):
             return layout
     rec = LAYOUTS[3]
     found = [m for line in filled if (m := rec.line.fullmatch(line))]

@@ -207,6 +207,23 @@ def test_readings_behind_a_known_station_are_oriented(tmp_path):
     assert [left.names for left in network.left_out] == [("9",)]
 
 
+def test_an_orientation_point_with_the_number_of_the_station_is_another_point(tmp_path):
+    """OR.COOR of an Elta: both have the present number; the station's height follows."""
+    lines = [
+        Line(text="OR.COOR"),
+        Line((("X", "1.000", "m"), ("Y", "2.000", "m")), code="A", name="0"),
+        Line((("m", "0.999198", ""), ("Om", "21.9645", "grd")), text=" "),
+        coordinates("0", (46.475, 23.926, 0.0), "S"),
+        Line(text="POLAR"),
+        Line((("Z", "12.232", "m"),), code="S", name="1"),
+    ]
+    for text in (m5(lines), r_layout(lines, 5), r_layout(lines, 4), rec500(lines)):
+        points = read(tmp_path, text).points
+        assert list(points) == ["0 A", "0"]
+        assert tuple(points["0"].coordinates) == (46.475, 23.926, 12.232)
+        assert tuple(points["0 A"].coordinates[:2]) == (2.0, 1.0)
+
+
 def free_station() -> list[Line]:
     """Return a free station, whose circle is turned behind its stationing."""
     begin = [Line(text="UN STAT")]
@@ -397,6 +414,7 @@ def test_recognition_asks_for_the_form_of_the_lines(tmp_path):
             (r_layout(survey(), 4), True),
             (rec500(survey()), True),
             (LEVELLED, True),
+            ("For M5|Adr   1|TO Start-Line  BF  10|        |  |  |\n", True),  # wrong columns
             ("   0001 one\n   0002 two\n", False),
             ("For M5 see the manual\nAdr 1|x|y|z|\n", False),
             ("   1    23.45   66.70\n   2    24.45   67.70\n", False),
