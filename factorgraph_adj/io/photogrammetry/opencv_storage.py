@@ -102,7 +102,16 @@ def _yaml() -> ModuleType:
     return module
 
 
-def _of_yaml(text: str, name: str) -> dict[str, StorageValue]:
+def yaml_mapping(text: str, name: str) -> Any:
+    """Return the root of a YAML text, a mapping node of PyYAML, whose nodes have their lines.
+
+    Args:
+        text: the text; ``%YAML:1.0``, OpenCV's own spelling, may be its first line.
+        name: name of the file in messages.
+
+    Raises:
+        InputError: PyYAML is missing, or the text is not YAML with names and values.
+    """
     yaml = _yaml()
     if len(text) > MAX_YAML_BYTES:
         what = f"has {len(text)} characters; valid: at most {MAX_YAML_BYTES} for YAML"
@@ -123,6 +132,12 @@ def _of_yaml(text: str, name: str) -> dict[str, StorageValue]:
         raise InputError(Problem(f"is not YAML: {str(error)[:80]}", f"{name}:1")) from None
     if not isinstance(root, yaml.MappingNode):
         raise InputError(Problem("has no names and values", f"{name}:{last_line_number(text)}"))
+    return root
+
+
+def _of_yaml(text: str, name: str) -> dict[str, StorageValue]:
+    yaml = _yaml()
+    root = yaml_mapping(text, name)
     out: dict[str, StorageValue] = {}
     for key, node in root.value:
         where = f"{name}:{node.start_mark.line + 1}"

@@ -1,0 +1,193 @@
+"""Reader of transforms.json of instant-ngp, nerfstudio and NeRF: cameras and poses of photos.
+
+``transform_matrix`` leads from the axes of the camera, x right, y up, z backwards, to the world:
+these are photogrammetric axes. Cameras are those of OpenCV in pixels from the upper left corner;
+``camera_angle_x`` is the angle of the whole width, f = w/2 / tan(angle/2). nerfstudio turns the
+world by ``applied_transform`` and multiplies it by ``applied_scale``, which the reader undoes.
+
+Sources: nerfstudio's data conventions, instant-ngp's ``scripts/colmap2nerf.py`` and
+``src/nerf_loader.cu``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...errors import InputError
+from ...models.lens import Lens
+from ...models.normalised_lens import AffineNormalisedLens
+from ...models.ray_lens import FisheyeLens
+from ...network.network import Network
+from ...rotation import TURN_ABOUT_X
+from ...types import Array
+from ..format_reader import NetworkReader, Reader
+from ..json_files import JsonNode, parse_json
+from ..photogrammetry.block_source import add_pixel_camera, rotation_and_scale
+from ..source import Problems
+from ..text_files import file_beginning, read_text
+
+CAMERA_MODELS = ("SIMPLE_PINHOLE", "PINHOLE", "OPENCV", "OPENCV_FISHEYE")
+"""Camera models that are read; without a name it is OPENCV."""
+INTRINSIC_KEYS = (
+    *("camera_model", "fl_x", "fl_y", "cx", "cy", "w", "h", "k1", "k2", "k3", "k4", "p1", "p2"),
+    *("camera_angle_x", "camera_angle_y"),
+)
+"""Keys of a camera, of the document or of a frame."""
+
+
+def is_transforms_json(path: Path) -> bool:
+    """Return whether a JSON file has poses of frames as instant-ngp and nerfstudio write them."""
+    beginning = file_beginning(path)
+    keys = (b'"frames"', b'"transform_matrix"', b'"file_path"')
+    return beginning.lstrip().startswith(b"{") and all(key in beginning for key in keys)
+
+
+def read_transforms_json(
+    path: str | Path, *, size: tuple[float, float] | None = None, free: bool = False
+) -> Network:
+    """Read photos with their poses and cameras from a transforms.json.
+
+    The file has no points and no observations: the poses are start values, or known orientations.
+    Photos are named by ``file_path``. Frames with intrinsics of their own have a camera of their
+    own. Not read: sharpness, masks, depth files, ``aabb_scale``, ``scale``, ``offset``,
+    ``ply_file_path``. Tried on instant-ngp's fox and nerfstudio's test data.
+
+    Args:
+        path: the file.
+        size: width and height of the images, pixels, where the file has none.
+        free: whether the parameters of the cameras are unknown.
+
+    Raises:
+        InputError: the file has problems, each with file and line: other camera models
+            (EQUIRECTANGULAR), rolling shutters, matrices that are no rotation and shift, sizes and
+            focal lengths that are missing.
+    """
+    if size is not None and (len(size) != 2 or not all(v > 0 for v in size)):
+        raise InputError(f"size must be two numbers > 0, not {size}")
+    source = Path(path)
+    problems = Problems()
+    root = parse_json(read_text(source), source.name)
+    network = Network(source.parent.name or source.stem, datum="free")
+    undo, scale = _applied(root)
+    shared: dict[str, JsonNode] = {
+        k: node for k in INTRINSIC_KEYS if (node := root.get(k)) is not None
+    }
+    made = False
+    for frame in root.need("frames").list():
+        with problems.collect(frame.where):
+            name = frame.need("file_path").text()
+            own = {k: node for k in INTRINSIC_KEYS if (node := frame.get(k)) is not None}
+            camera = name if own else "camera"
+            if own or not made:
+                _camera(network, camera, frame if own else root, {**shared, **own}, size, free)
+                made = made or not own
+            shutter = frame.get("rolling_shutter")
+            if shutter is not None and any(shutter.numbers(4)[1:]):
+                raise shutter.fail("is a rolling shutter, which is not read")
+            rotation, place = _pose(frame.need("transform_matrix"))
+            rotation, place = undo[:, :3] @ rotation, undo[:, :3] @ (place / scale) + undo[:, 3]
+            network.add_photo(
+                name, camera, position=place.tolist(), rotation=rotation @ TURN_ABOUT_X
+            )
+    problems.finish(network)
+    return network
+
+
+def _applied(root: JsonNode) -> tuple[Array, float]:
+    """Return the motion (3, 4) that undoes the applied one, and the applied scale."""
+    undo, scale = np.hstack([np.eye(3), np.zeros((3, 1))]), 1.0
+    node = root.get("applied_transform")
+    if node is not None:
+        rotation, place = _pose(node)
+        undo = np.hstack([rotation.T, -(rotation.T @ place)[:, None]])
+    node = root.get("applied_scale")
+    if node is not None:
+        scale = node.number(above=0.0)
+    return undo, scale
+
+
+def _pose(node: JsonNode) -> tuple[Array, Array]:
+    """Return rotation and place of a matrix of three or four rows.
+
+    Raises:
+        InputError: it is no rotation and shift.
+    """
+    rows = np.array([row.numbers(4) for row in node.list()])
+    if len(rows) not in (3, 4) or (len(rows) == 4 and rows[3].tolist() != [0, 0, 0, 1]):
+        raise node.fail(f"{node.title} must have three rows of four numbers, or a fourth: 0 0 0 1")
+    found = rotation_and_scale(rows[:3, :3])
+    if found is None or abs(found[1] - 1.0) > 1e-3:
+        raise node.fail(f"{node.title} is no rotation and shift")
+    return found[0], rows[:3, 3]
+
+
+def _camera(
+    network: Network,
+    name: str,
+    owner: JsonNode,
+    given: Mapping[str, JsonNode],
+    size: tuple[float, float] | None,
+    free: bool,
+) -> None:
+    """Add a camera.
+
+    Raises:
+        InputError: what is missing or wrong.
+    """
+    model = given["camera_model"].text() if "camera_model" in given else "OPENCV"
+    if model not in CAMERA_MODELS:
+        what = f"camera model {model!r} is not read; valid: {', '.join(CAMERA_MODELS)}"
+        raise given["camera_model"].fail(what)
+
+    def number(key: str, default: float = 0.0, **limits: Any) -> float:
+        return given[key].number(**limits) if key in given else default
+
+    w, h = (number(k, size[i] if size else math.nan, above=0.0) for i, k in enumerate("wh"))
+    if math.isnan(w) or math.isnan(h):
+        raise owner.fail("the file has no size of the images, w and h: state size=(w, h)")
+    fx = number("fl_x", math.nan, above=0.0)
+    if math.isnan(fx):
+        if "camera_angle_x" not in given:
+            raise owner.fail("there is neither fl_x nor camera_angle_x")
+        fx = _focal_length(given["camera_angle_x"], w)
+    fy = number("fl_y", math.nan, above=0.0)
+    if math.isnan(fy):
+        own_angle = "fl_x" not in given and "camera_angle_y" in given
+        fy = _focal_length(given["camera_angle_y"], h) if own_angle else fx
+    values = {"c": fy, "x0": number("cx", w / 2.0), "y0": -number("cy", h / 2.0)}
+    distortion = {k: number(k) for k in ("k1", "k2", "k3", "k4")}
+    unknown: tuple[str, ...] = ("c", "x0", "y0", "k1", "k2")
+    lens: Lens
+    if model == "OPENCV_FISHEYE":
+        lens, values = FisheyeLens(), {**values, **distortion, "b1": fx / fy - 1.0}
+        unknown = (*unknown, "k3", "k4", "b1")
+    elif model == "OPENCV":
+        lens = AffineNormalisedLens()
+        values |= {**distortion, "p1": number("p2"), "p2": -number("p1"), "b1": fx - fy}
+        unknown = (*unknown, "p1", "p2", "b1")
+    else:
+        lens, values = AffineNormalisedLens(), {**values, "b1": fx - fy}
+        unknown = ("c", "x0", "y0", *(("b1",) if model == "PINHOLE" else ()))
+    add_pixel_camera(network, name, lens, values, size=(w, h), free=unknown if free else ())
+
+
+def _focal_length(angle: JsonNode, extent: float) -> float:
+    """Return the focal length in pixels of the angle of an extent in pixels."""
+    value = angle.number(above=0.0)
+    if not value < math.pi:
+        raise angle.fail(f"{angle.title} must be less than π, not {value:g}")
+    return 0.5 * extent / math.tan(0.5 * value)
+
+
+READER = Reader(
+    "transforms",
+    (".json",),
+    "transforms.json of instant-ngp or nerfstudio",
+    NetworkReader(read_transforms_json),
+    recognises=is_transforms_json,
+)

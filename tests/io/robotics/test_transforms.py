@@ -1,0 +1,129 @@
+"""transforms.json: image of a point by the conventions of nerfstudio, files that are wrong."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import factorgraph_adj as fga
+from factorgraph_adj.errors import InputError
+from tests.hostile.examples import Example
+from tests.networks.pixel_block import projected
+
+CAMERA = {
+    **{"fl_x": 900.0, "fl_y": 910.0, "cx": 330.0, "cy": 250.0, "w": 640, "h": 480},
+    **{"k1": 0.05, "k2": -0.02, "p1": 0.003, "p2": -0.002},
+}
+TURNS = np.array([[0.1, -0.2, 0.3], [1.2, 0.1, -0.4]])
+PLACES = np.array([[0.5, -0.3, 4.0], [0.2, -3.5, 1.5]])
+POINT = np.array([0.3, 0.2, 0.4])
+
+
+def document(**changes: Any) -> dict[str, Any]:
+    frames = []
+    for i, (turn, place) in enumerate(zip(TURNS, PLACES, strict=True)):
+        matrix = np.eye(4)
+        matrix[:3, :3], matrix[:3, 3] = Rotation.from_rotvec(turn).as_matrix(), place
+        frames.append({"file_path": f"images/{i}.jpg", "transform_matrix": matrix.tolist()})
+    return {"camera_model": "OPENCV", **CAMERA, "frames": frames, **changes}
+
+
+def write(tmp_path: Path, content: object) -> Path:
+    path = tmp_path / "transforms.json"
+    path.write_text(json.dumps(content, indent=1), encoding="utf-8")
+    return path
+
+
+EXAMPLE_FILES = {
+    "transforms": Example(
+        "transforms",
+        {"transforms.json": json.dumps(document(applied_scale=0.5), indent=1)},
+        "transforms.json",
+        open_names=True,
+    )
+}
+
+
+def image(i: int, point: np.ndarray, fisheye: bool = False) -> np.ndarray:
+    """Return column and row by the formula of OpenCV, in axes with y down and z ahead."""
+    q = Rotation.from_rotvec(TURNS[i]).inv().apply(point - PLACES[i])
+    x, y = q[0] / -q[2], -q[1] / -q[2]
+    c = CAMERA
+    if fisheye:
+        r = np.hypot(x, y)
+        t = np.arctan(r)
+        s = t * (1 + c["k1"] * t**2 + c["k2"] * t**4) / r
+        u, v = s * x, s * y
+    else:
+        r2 = x * x + y * y
+        s = 1 + c["k1"] * r2 + c["k2"] * r2**2
+        u = s * x + 2 * c["p1"] * x * y + c["p2"] * (r2 + 2 * x * x)
+        v = s * y + c["p1"] * (r2 + 2 * y * y) + 2 * c["p2"] * x * y
+    return np.array([c["fl_x"] * u + c["cx"], c["fl_y"] * v + c["cy"]])
+
+
+@pytest.mark.parametrize("fisheye", [False, True])
+def test_a_point_has_the_image_of_opencv(tmp_path: Path, fisheye: bool) -> None:
+    model = "OPENCV_FISHEYE" if fisheye else "OPENCV"
+    network = fga.read(write(tmp_path, document(camera_model=model)))
+    network.add_point("P", POINT.tolist())
+    found = projected(network, ["P"])
+    for i, photo in enumerate(network.photos):
+        x, y = found[photo][0]
+        assert (x, -y) == pytest.approx(image(i, POINT, fisheye), abs=1e-8)
+
+
+def test_the_applied_motion_and_scale_are_undone(tmp_path: Path) -> None:
+    """nerfstudio: the file's pose is that of COLMAP, moved by the transform, then scaled."""
+    applied = np.array([[0, 1, 0, 0.5], [1, 0, 0, -1.0], [0, 0, -1, 2.0]], dtype=float)
+    moved = document()
+    for frame in moved["frames"]:
+        matrix = np.array(frame["transform_matrix"])
+        new = applied @ matrix
+        new[:, 3] *= 0.25
+        frame["transform_matrix"] = new.tolist()
+    path = write(tmp_path, moved | {"applied_transform": applied.tolist(), "applied_scale": 0.25})
+    network = fga.read(path)
+    plain = tmp_path / "plain"
+    plain.mkdir()
+    expected = fga.read(write(plain, document()))
+    for name, photo in expected.photos.items():
+        assert network.photos[name].position == pytest.approx(photo.position)
+        np.testing.assert_allclose(network.photos[name].rotation, photo.rotation, atol=1e-12)
+
+
+def test_an_angle_gives_the_focal_length_and_a_frame_may_have_its_own_camera(
+    tmp_path: Path,
+) -> None:
+    content = document()
+    for key in (*CAMERA, "camera_model"):
+        del content[key]
+    content |= {"camera_angle_x": np.pi / 2}
+    content["frames"][1] |= {"fl_x": 700.0, "w": 800, "h": 600}
+    with pytest.raises(InputError, match=r"no size of the images, w and h: state size="):
+        fga.read(write(tmp_path, content))
+    network = fga.read(write(tmp_path, content), size=(640, 480))
+    cameras = [network.cameras[p.camera] for p in network.photos.values()]
+    assert [c.values[0] for c in cameras] == pytest.approx([320.0, 700.0])
+    assert [c.values[1] for c in cameras] == pytest.approx([320.0, 400.0])
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"camera_model": "EQUIRECTANGULAR"}, r"transforms\.json:2: camera model 'EQUI.* not read"),
+        ({"fl_x": -1.0}, r"transforms\.json:3: fl_x"),
+        ({"applied_transform": [[2, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]}, "no rotation and shi"),
+        ({"frames": [{"file_path": "a"}]}, "has no 'transform_matrix'"),
+        ({"frames": document()["frames"][:1] * 2}, "images/0.jpg"),
+        ({"frames": [document()["frames"][0] | {"rolling_shutter": [0, 0, 1, 0]}]}, "rolling shu"),
+    ],
+)
+def test_files_that_are_wrong(tmp_path: Path, changes: dict, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        fga.read(write(tmp_path, document(**changes)), format="transforms")
