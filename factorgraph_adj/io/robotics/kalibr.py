@@ -177,7 +177,7 @@ class _Chain:
         """Return the carrier, and camera ← carrier of each camera that has a place."""
         if names and all(n in self.inertial for n in names):
             return INERTIAL_UNIT, self.inertial
-        out = {names[0]: np.eye(4)} if names else {}
+        out: dict[str, Array] = {names[0]: np.eye(4)} if names else {}
         for last, name in pairwise(names):
             if name in self.before and last in out:
                 out[name] = self.before[name] @ out[last]
@@ -188,7 +188,7 @@ class _Chain:
 
 def _chain(network: Network, members: dict[str, _Value], problems: Problems, free: bool) -> None:
     """Add the cameras of a chain and one exposure of it."""
-    chain, names = _Chain(), []
+    chain, names = _Chain(), list[str]()
     for name, value in members.items():
         with problems.collect(value.where):
             if not (name.startswith("cam") and name[3:].isdigit()):
@@ -202,16 +202,16 @@ def _chain(network: Network, members: dict[str, _Value], problems: Problems, fre
                     table[name] = motion
             motion = keys["T_imu_cam"].motion() if "T_imu_cam" in keys else None
             if motion is not None:
-                chain.inertial[name] = np.linalg.inv(motion)
+                chain.inertial[name] = np.asarray(np.linalg.inv(motion))
     if problems.count:
         return
     carrier, from_carrier = chain.from_carrier(names)
     if len(names) > 1 or carrier == INERTIAL_UNIT:
-        for name in names:
-            if name not in from_carrier:
-                what = f"{name} has no place in the rig; valid: T_cn_cnm1, T_cam_imu or T_imu_cam"
-                problems.wrong(what, members[name].where)
-        if problems.count:
+        lost = [name for name in names if name not in from_carrier]
+        for name in lost:
+            what = f"{name} has no place in the rig; valid: T_cn_cnm1, T_cam_imu or T_imu_cam"
+            problems.wrong(what, members[name].where)
+        if lost:
             return
     if carrier == INERTIAL_UNIT:
         network.add_camera(BODY, NoDistortion(), {"c": 1.0})
@@ -237,10 +237,10 @@ def _camera(
     for key in needed:
         if key not in keys:
             raise value.fail(f"has no {key}")
-    for key, given in keys.items():
+    for key, entry in keys.items():
         if key not in (*needed, "distortion_model", "distortion_coeffs", *UNREAD_KEYS):
             valid = ", ".join((*needed, "distortion_model", "distortion_coeffs", *UNREAD_KEYS))
-            raise given.fail(f"is unknown; valid: {valid}")
+            raise entry.fail(f"is unknown; valid: {valid}")
     names = keys["camera_model"].field().choice(_INTRINSICS)
     if names is None:
         return
