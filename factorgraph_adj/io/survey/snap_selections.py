@@ -27,9 +27,11 @@ StationTest: TypeAlias = Callable[[SnapStation], bool]
 LIST_SUFFIX, POLYGON_SUFFIX = ".stl", ".wkt"
 MISSING_WORDS = {"ignore_missing": False, "warn_missing": False, "fail_missing": True}
 """Whether a name that the job does not have is an error, by word."""
+TURN = 360.0
+"""Degrees of longitude after which a polygon is at the same place."""
 OPERATORS = ("and", "or", "except")
 _RING = re.compile(r"\(([^()]+)\)")
-_LEADING_DIGITS = re.compile(r"(\d*)(.*)")
+_DIGITS = re.compile(r"[0-9]+")
 
 
 @dataclass(frozen=True)
@@ -53,11 +55,21 @@ class JobLine:
         self.source.wrong(self.line, what)
 
 
-def code_order(code: str) -> tuple[int, str]:
-    """Return the place of a code in ranges: by leading digits, then by the rest."""
-    found = _LEADING_DIGITS.fullmatch(code.upper())
-    assert found is not None  # every text matches
-    return int(found[1] or 0), found[2]
+def is_code_before(first: str, second: str) -> bool:
+    """Return whether a code is the same as another or stands before it in ranges.
+
+    Behind what both begin with, up to a digit, numbers count as such, and letters without case.
+    """
+    a, b = first.upper(), second.upper()
+    same = 0
+    while same < min(len(a), len(b)) and a[same] == b[same] and not a[same].isdigit():
+        same += 1
+    numbers = [_DIGITS.match(code, same) for code in (a, b)]
+    if numbers[0] is not None and numbers[1] is not None:
+        values = int(numbers[0][0]), int(numbers[1][0])
+        if values[0] != values[1]:
+            return values[0] < values[1]
+    return a[same:] <= b[same:]
 
 
 def station_test(at: JobLine, words: Sequence[str], stations: SnapStations) -> StationTest:
@@ -120,8 +132,7 @@ def _item_test(at: JobLine, word: str, stations: SnapStations, strict: bool) -> 
         )
     if stations.find(word) is None and "-" in word.strip("-"):
         first, _, last = word.partition("-")
-        low_end, high_end = code_order(first), code_order(last)
-        return lambda s: low_end <= code_order(s.code) <= high_end
+        return lambda s: is_code_before(first, s.code) and is_code_before(s.code, last)
     if "*" in word or "?" in word:
         pattern = wildcard_pattern(word)
         return lambda s: pattern.fullmatch(s.code) is not None
@@ -189,6 +200,10 @@ def _polygon_test(
         except InputError as error:
             at.wrong(str(error))
             return lambda _: False
+    else:
+        middle = np.mean(places[:, 0])
+        for ring in rings:
+            ring[:, 0] -= TURN * np.round((ring[:, 0] - middle) / TURN)
     wanted = sort == "inside"
     chosen = {c for c, p in zip(codes, places, strict=True) if is_inside(p, rings) == wanted}
     return lambda s: s.code.upper() in chosen

@@ -17,7 +17,7 @@ import factorgraph_adj as fga
 from factorgraph_adj.ellipsoid import ellipsoid
 from factorgraph_adj.io.survey.snap import HELD_SIGMA_M, is_snap_job, read_snap
 from factorgraph_adj.io.survey.snap_lines import parsed_date
-from factorgraph_adj.io.survey.snap_selections import code_order
+from factorgraph_adj.io.survey.snap_selections import is_code_before
 from factorgraph_adj.io.survey.snap_systems import SNAP_SYSTEMS
 from factorgraph_adj.rotation import exp_rotation
 from factorgraph_adj.types import Array
@@ -477,6 +477,7 @@ def test_a_set_of_positions_may_have_an_unknown_translation(tmp_path: Path) -> N
         ("mode horizontal adjustment\nfix 4", {"1": "u", "2": "u", "3": "u", "4": "eu"}, {}),
         ("fix 1\nvertical_float_error 0.2\nfloat vertical 3", {"1": "eu"}, {"3": 0.2}),
         ("fix ?\nfree inside NZGD1949 part", {"1": "eu", "3": "eu"}, {}),
+        ("fix all\nfree outside NZGD1949 round", {"2": "eu", "4": "eu"}, {}),
         ("fix @held", {"2": "eu", "4": "eu"}, {}),
     ],
 )
@@ -486,6 +487,8 @@ def test_stations_are_fixed_free_or_floated(
     """A station that is fixed in plan or height alone is observed there with 1 µm."""
     (tmp_path / "part.wkt").write_text("POLYGON((172.9 -41.011,173.5 -41.011,173.5 -41.0055,"
                                        "172.9 -41.0055,172.9 -41.011))\n")  # fmt: skip
+    turned = (tmp_path / "part.wkt").read_text().replace("17", "53")
+    (tmp_path / "round.wkt").write_text(turned)
     (tmp_path / "held.stl").write_text("! held\n2\n4\n")
     plan = "#ln_error 1 sec\n#lt_error 1 sec\n#data LT LN EH error no_heights\n"
     lines = "".join(f"{n} 41 00 20 S 173 00 00 E 130 0.1\n" for n in "1234")
@@ -582,12 +585,23 @@ def test_dates_have_the_forms_of_the_manual(text: str, expected: str) -> None:
     assert str(parsed_date(text)) == expected
 
 
-def test_ranges_of_codes_go_by_leading_digits() -> None:
-    """5-15 has 10 and 10A, and not 100."""
-    low, high = code_order("5"), code_order("15")
-    assert [c for c in ("10", "10A", "100", "4B", "15A") if low <= code_order(c) <= high] == [
-        *("10", "10A")
+@pytest.mark.parametrize(
+    ("first", "last", "inside", "outside"),
+    [
+        ("5", "15", "5 10 10A 15", "4 4B 15A 16 100 A"),
+        ("C_10", "C_100", "C_11 c_99 C_10A", "C_9 C_101 D_11 11"),
+        ("PIND", "TUBBY", "PINE QQ T2", "PIN TUBE U 7"),
+    ],
+)
+def test_ranges_of_codes_go_by_their_numbers(
+    first: str, last: str, inside: str, outside: str
+) -> None:
+    found = [
+        c
+        for c in (inside + " " + outside).split()
+        if is_code_before(first, c) and is_code_before(c, last)
     ]
+    assert found == inside.split()
 
 
 # -- wrong files ----------------------------------------------------------------------------------
