@@ -413,7 +413,10 @@ class _JobReader:
         if not class_name or not words:
             at.wrong("classification needs a classification, ignore or reject, and a value")
             return
-        criterion = [f"{class_name}={words.pop(0)}"]
+        value = words.pop(0)
+        # A slash is a part of the value here.
+        quote = "" if class_name.lower() in ("data_type", "data_file") else '"'
+        criterion = [f"{class_name}={quote}{value}{quote}"]
         for name in actions:
             self._add_observation_statement(at, name, criterion, 1.0, False)
         if words and words[0].lower() == "error_factor":

@@ -122,7 +122,12 @@ class Recodings:
             return
         stated = self._dates(at, words[3:])
         if stated is not None:
-            self.add(Recoding(words[0].upper(), words[2], *stated))
+            old, new = words[0].upper(), words[2]
+            self.add(Recoding(old, new, *stated))
+            if new != LEFT_OUT:
+                # Lists of stations behind this line know the new code.
+                place = new.removeprefix(REJECTED)
+                waiting.append(("recode", at, lambda s: with_station(s, place, old)))
 
     def _dates(
         self, at: JobLine, words: list[str]
