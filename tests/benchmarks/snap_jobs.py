@@ -3,6 +3,7 @@
 FOLDER is regression_tests/snap of github.com/linz/snap (BSD-3-Clause), with ``in`` (jobs) and
 ``check`` (a folder with the listing of each). Prints a line for each job: equal, differs, or
 refused with the reason. Squares are equal to 10⁻⁴ of themselves, or to the digits of the listing.
+A job that a deformation model concerns is refused, and read once more without the model.
 """
 
 from __future__ import annotations
@@ -12,7 +13,13 @@ from collections import Counter
 from pathlib import Path
 
 import factorgraph_adj as fga
-from tests.loaders.snap_listing import Summary, read_summary, summary
+from tests.loaders.snap_listing import (
+    Summary,
+    adjusted_stations,
+    read_stations,
+    read_summary,
+    summary,
+)
 
 DIGIT, SHARE = 1.5e-5, 1e-4
 """Digits of the listing, and the share that one radius of the Earth for refraction makes."""
@@ -36,11 +43,18 @@ def compared(job: Path, listing: Path) -> tuple[str, str]:
     except fga.InputError as error:
         reason = str(error).splitlines()[0][:LONGEST_REASON]
         return "refused", f"{stated}; {reason}"
+    table = read_stations(listing)
+    if table:
+        same = table == adjusted_stations(network)
+        remark += ", stations equal" if same else ", stations differ"
     if theirs is None:
+        if table and same:
+            return "equal", f"stations as listed; {shown(ours)}{remark}"
         return "read", shown(ours) + remark
     equal = (ours.observations, ours.redundancy) == (theirs.observations, theirs.redundancy)
     near = abs(ours.squares - theirs.squares) <= max(DIGIT, SHARE * theirs.squares)
-    return ("equal" if equal and near else "differs"), f"{stated}; here {shown(ours)}{remark}"
+    verdict = "refused" if remark.startswith(" without") else "differs"
+    return ("equal" if equal and near else verdict), f"{stated}; here {shown(ours)}{remark}"
 
 
 def shown(s: Summary) -> str:

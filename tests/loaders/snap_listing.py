@@ -45,6 +45,44 @@ def read_summary(path: Path) -> Summary | None:
     return Summary(int(n), int(r), squares, unit_weight)
 
 
+_TABLE = re.compile(r"DEFINITION OF PROBLEM\s+=+\n(.*?)(?:={20}|\Z)", re.DOTALL)
+
+
+def read_stations(path: Path) -> dict[str, tuple[str, str, str]] | None:
+    """Return how a listing adjusts stations, by code: F, H, V or 3, errors of floated ones."""
+    found = _TABLE.search(path.read_text(errors="replace"))
+    if found is None:
+        return None
+    out = {}
+    for line in found[1].partition("have been rejected")[0].splitlines():
+        words = line.split()
+        if len(words) > 2 and words[1] in ("F", "H", "V", "3"):
+            # A row number and a name follow the errors, where there are any.
+            errors = words[2:4] if "Error" in found[1] and len(words) > 4 else ["-", "-"]
+            out[words[0]] = (words[1], errors[0], errors[1])
+    return out
+
+
+def adjusted_stations(network: fga.Network) -> dict[str, tuple[str, str, str]]:
+    """Return how a network adjusts stations, in the form of `read_stations`."""
+    held: dict[str, str] = {}
+    errors: dict[str, dict[str, str]] = {}
+    for o in network.observations.values():
+        if is_held(o):
+            held[o.point] = o.axes
+        elif isinstance(o, ControlPoint) and o.kind == ControlPoint.kind:
+            errors.setdefault(o.point, {})[o.axes] = f"{o.sigma[0]:.3f}"
+        elif isinstance(o, fga.CoordinateDifference):
+            plan, height = (f"{o.sigma[i]:.3f}" for i in (0, -1))
+            errors[o.target] = {"en": plan, "u": height}
+    out = {}
+    for name, p in network.points.items():
+        how = "F" if all(p.fixed) else {"en": "V", "u": "H"}.get(held.get(name, ""), "3")
+        own = errors.get(name, {})
+        out[name] = (how, own.get("en", "-"), own.get("u", "-"))
+    return out
+
+
 def is_held(observation: object) -> bool:
     """Return whether an observation holds plan or height of a fixed station, which SNAP has not."""
     sigma = getattr(observation, "sigma", None)

@@ -9,12 +9,13 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import replace
+from math import prod
 from pathlib import Path
 from typing import Literal
 
 from ...frames import GeocentricFrame
 from ...network.network import Network
-from ...observations import ControlPoint
+from ...observations import ControlPoint, CoordinateDifference
 from ..format_reader import NetworkReader, Reader
 from ..source import ROWS_SWITCHED_OFF, LeftOutReason, Problems
 from ..text_files import file_beginning
@@ -22,14 +23,16 @@ from .snap_adjusted_stations import (
     HEIGHT,
     PLAN,
     AdjustedStation,
+    colocate,
     located_stations,
     rejected_stations,
     settle,
 )
-from .snap_job import ObservationStatement, SnapJob, read_job
+from .snap_data_commands import VECTOR_KINDS
+from .snap_job import ANTENNA, ObservationStatement, SnapJob, read_job
 from .snap_observations import SnapObservations, refraction_radius
 from .snap_readings import SnapReading, SnapSet
-from .snap_recoding import with_station
+from .snap_recoding import Colocation, with_station
 
 HELD_SIGMA_M = 1e-6
 """Standard deviation of plan or height of a station that is fixed in these alone, metres."""
@@ -79,13 +82,15 @@ def read_snap(path: str | Path, *, deformation: Literal["refuse", "none"] = "ref
     applied to its observations; one whose translation, scale or rotation is unknown is a frame of
     the network (`FrameCoordinate`, `FrameVector`), and so is the translation of a set of GX.
 
+    Recoded stations are new ones at the place of the old, and with an uncertainty both are at one
+    place by a `CoordinateDifference`.
     ``*``, ``reject`` and ``ignore`` leave observations out; ``data_check`` fixes all stations.
     Lengths are metres; angles degrees, minutes and seconds, packed or decimal degrees by the
     commands of the file, and their errors seconds or degrees.
 
     Not read, and refused by name: deformation models, geoid grids, offsets of stations in time,
-    systematic errors, reference frames with unknown single components or rates, recoding with
-    uncertainties, errors of offsets and centroids, files in CSV and SINEX.
+    systematic errors, reference frames with unknown single components or rates, errors of offsets
+    and centroids, files in CSV and SINEX.
 
     Args:
         path: the command file.
@@ -104,6 +109,8 @@ def read_snap(path: str | Path, *, deformation: Literal["refuse", "none"] = "ref
     states = rejected_stations(job)
     taking = list(_taking_part(job, chosen, states))
     located = located_stations(r for s, kept in taking for r in (s.readings[i] for i in kept))
+    together = job.recodings.colocations(set(located))
+    colocate(together, states, located)
     settle(job, states, located)
     problems.raise_all()
     readings = [r for s, kept in taking for r in (s.readings[i] for i in kept)]
@@ -128,8 +135,28 @@ def read_snap(path: str | Path, *, deformation: Literal["refuse", "none"] = "ref
             else:
                 remaining.append(i)
         maker.add(found, remaining)
+    _add_colocations(job, together, states, network)
     problems.finish(network)
     return network
+
+
+def _add_colocations(
+    job: SnapJob, found: list[Colocation], states: dict[str, AdjustedStation], network: Network
+) -> None:
+    """Add that stations are at the same place, where the one that is recoded is adjusted."""
+    assert job.stations is not None
+    for c in found:
+        own, other = (job.stations.by_code[n] for n in (c.code, c.other))
+        axes = {"xy": PLAN, "z": HEIGHT}
+        kept = "".join(a for a, part in axes.items() if part in states[c.code].adjusted)
+        if not kept or not {own.code, other.code} <= set(network.points):
+            continue
+        sigma = tuple({"x": c.errors[0], "y": c.errors[0], "z": c.errors[1]}[a] for a in kept)
+        network.add(
+            CoordinateDifference(
+                other.code, own.code, (0.0,) * len(kept), axes=kept, horizon=True, sigma=sigma
+            )
+        )
 
 
 def _codes(reading: SnapReading) -> list[str]:
@@ -150,20 +177,21 @@ def _chosen_sets(job: SnapJob) -> Iterator[SnapSet]:
                     readings.append(replace(recoded, factor=recoded.factor * file.factor))
             if not readings:
                 continue
-            factor_of_set, out = 1.0, []
+            of_set: dict[int, float] = {}
+            out = []
             for reading in readings:
                 chosen = reading
-                for statement in job.observation_statements:
+                for number, statement in enumerate(job.observation_statements):
                     if not statement.test.holds(reading, file.name):
                         continue
                     if statement.by_set:
-                        factor_of_set *= statement.factor
+                        of_set[number] = statement.factor
                     else:
                         chosen = _modified(chosen, statement)
                 out.append(chosen)
             yield replace(
                 found,
-                readings=tuple(replace(r, factor=r.factor * factor_of_set) for r in out),
+                readings=tuple(replace(r, factor=r.factor * prod(of_set.values())) for r in out),
             )
 
 
@@ -171,6 +199,12 @@ def _modified(reading: SnapReading, statement: ObservationStatement) -> SnapRead
     """Return a reading after a command that concerns it."""
     if statement.command == "reweight_observations":
         return replace(reading, factor=reading.factor * statement.factor)
+    if statement.command == ANTENNA:
+        if reading.kind not in VECTOR_KINDS:
+            return reading
+        ends = reading.instrument_height, reading.target_height
+        instrument, target = (height + statement.factor for height in ends)
+        return replace(reading, instrument_height=instrument, target_height=target)
     if statement.command == "calculate_gx_translation":
         return replace(reading, translated=statement.factor > 0)
     if statement.command == "use_distance_ratios_as_distances":
@@ -242,6 +276,8 @@ def _add_stations(
     assert job.stations is not None
     for code, station in job.stations.by_code.items():
         state = states[code]
+        if code in job.stations.recoded and code not in observed:
+            continue
         if state.rejected or state.unlocated:
             why = REJECTED_STATIONS if state.rejected else UNLOCATED
             if state.unlocated and code not in observed:

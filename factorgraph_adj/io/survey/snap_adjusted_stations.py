@@ -5,12 +5,13 @@ Source: LINZ, SNAP help, "The fix command", and ``control.c``, ``autofix.c`` of 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 from .snap_data_commands import POINT_KINDS
 from .snap_job import SnapJob, StationStatement
 from .snap_readings import SnapReading
+from .snap_recoding import Colocation
 from .snap_selections import station_test
 
 PLAN, HEIGHT = "plan", "height"
@@ -79,6 +80,8 @@ class AdjustedStation:
     """Whether a command rejects or ignores it."""
     unlocated: bool = False
     """Whether its readings do not locate it."""
+    colocated: bool = False
+    """Whether it is observed at the place of another station."""
 
 
 def located_stations(readings: Iterable[SnapReading]) -> dict[str, Located]:
@@ -111,6 +114,20 @@ def rejected_stations(job: SnapJob) -> dict[str, AdjustedStation]:
     return out
 
 
+def colocate(
+    found: Sequence[Colocation],
+    states: dict[str, AdjustedStation],
+    located: dict[str, Located],
+) -> None:
+    """Let stations that are at one place have the readings of each other."""
+    for c in found:
+        states[c.code].colocated = True
+        own, other = (located.setdefault(n, Located()) for n in (c.code, c.other))
+        for a, b in ((other, own), (own, other)):
+            a.by |= b.by
+            a.seen_from |= b.seen_from
+
+
 def settle(job: SnapJob, states: dict[str, AdjustedStation], located: dict[str, Located]) -> None:
     """Apply the commands that fix, free and float stations; find those that are not located."""
     assert job.stations is not None
@@ -130,7 +147,9 @@ def settle(job: SnapJob, states: dict[str, AdjustedStation], located: dict[str, 
         unlocated = {
             part
             for part, there in ((PLAN, found.in_plan), (HEIGHT, found.in_height))
-            if part in state.adjusted and part not in state.floated and not there
+            if part in state.adjusted
+            and part not in state.floated
+            and not (there or state.colocated)
         }
         state.unlocated = bool(unlocated) and not state.rejected
 

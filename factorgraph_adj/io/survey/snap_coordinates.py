@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -79,6 +79,8 @@ class SnapStations:
     """Name of the network."""
     by_code: dict[str, SnapStation]
     """Stations by code in capital letters."""
+    recoded: set[str] = field(default_factory=set)
+    """Codes of stations that recodings have added."""
 
     def find(self, code: str) -> SnapStation | None:
         """Return the station of a code; None if there is none."""

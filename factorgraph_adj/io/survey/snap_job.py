@@ -63,8 +63,6 @@ REFUSED = {
     "systematic_error": "parameters of systematic errors ({0}) have no counterpart",
     "gps_vertical": "one vertical for the errors of all vectors ({0}) is not read: leave it out, "
     "and each has its own",
-    "gps_antenna_height": "heights of antennas by criteria ({0}) are not read: state them in the "
-    "data files",
     "reference_frame_scale_error": "a scale of the frame of the network ({0}) has no counterpart: "
     "state a scale of distances and of reference frames",
 }
@@ -83,7 +81,11 @@ OBSERVATION_OPTIONS = {
     "use_distance_ratios_as_distances": "DR",
 }
 """Options of observations, with the kind that they concern."""
-OBSERVATION_COMMANDS = ("reject_observations", "ignore_observations", "reweight_observations")
+ANTENNA = "gps_antenna_height"
+OBSERVATION_COMMANDS = (
+    *("reject_observations", "ignore_observations", "reweight_observations"),
+    ANTENNA,
+)
 
 
 @dataclass(frozen=True)
@@ -103,7 +105,7 @@ class ObservationStatement:
     command: str
     test: ObservationTest
     factor: float = 1.0
-    """Factor of errors; of an option 1 or 0, whether it holds."""
+    """Factor of errors; of an option 1 or 0, whether it holds; height of an antenna, metres."""
     by_set: bool = False
 
 
@@ -388,6 +390,11 @@ class _JobReader:
                 words = words[1:] if by_set else words
                 text = words.pop(0) if words else None
                 factor = at.source.field(at.line, text, "factor of errors").number(above=0.0)
+            elif name == ANTENNA:
+                text = words.pop(0) if words else None
+                factor = at.source.field(at.line, text, "height of the antenna").number()
+                unit = words.pop(0) if words else None
+                at.source.field(at.line, unit, "unit of the height").word(("m",))
             self._add_observation_statement(at, name, words, factor, by_set)
 
         return take

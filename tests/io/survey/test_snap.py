@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import math
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ import factorgraph_adj as fga
 from factorgraph_adj.ellipsoid import ellipsoid
 from factorgraph_adj.io.survey.snap import HELD_SIGMA_M, is_snap_job, read_snap
 from factorgraph_adj.io.survey.snap_lines import parsed_date
+from factorgraph_adj.io.survey.snap_recoding import Recoding, Recodings
 from factorgraph_adj.io.survey.snap_selections import is_code_before
 from factorgraph_adj.io.survey.snap_systems import SNAP_SYSTEMS
 from factorgraph_adj.rotation import exp_rotation
@@ -535,10 +537,67 @@ def test_observations_are_left_out_by_criteria(
     assert network.left_out
 
 
+def test_heights_of_antennas_are_added_by_criteria(tmp_path: Path) -> None:
+    command = "fix all\ngps_antenna_height 0.25 m data_type=GB using_stations 2\n"
+    network = fga.read(job(tmp_path, command))
+    heights = {
+        o.target: (o.instrument_height, o.target_height) for o in observed(network, "gnss_vector")
+    }
+    assert heights == {"2": (0.25, 0.25), "3": (0.0, 0.0)}
+
+
 def test_a_recoded_station_is_a_new_one_at_the_same_place(tmp_path: Path) -> None:
     network = fga.read(job(tmp_path, "fix all\nrecode suffix _B after 2008-01-01 for 3\n"))
     assert network.points["3_B"].coordinates == network.points["3"].coordinates
     assert {o.target for o in observed(network, "slope_distance")} == {"2", "3_B"}
+
+
+@pytest.mark.parametrize(
+    ("date", "code"),
+    [
+        ("1999", "1_0"),
+        ("2000", "1_1"),
+        ("2003", "1_2"),
+        ("2006", "1"),
+        ("2011", "1_3"),
+        ("2013", "1_4"),
+    ],
+)
+def test_the_recoding_next_to_a_date_counts(date: str, code: str) -> None:
+    """Of ``before`` the first in time, of ``after`` the last, whatever their order in the job."""
+    recodings = Recodings()
+    years = {"1_4": (2012, None), "1_1": (None, 2001), "1_0": (None, 2000), "1_3": (2010, None),
+             "1_2": (2002, 2004)}  # fmt: skip
+    for new, ends in years.items():
+        after, before = (None if y is None else datetime(y, 1, 1) for y in ends)
+        recodings.add(Recoding("1", new, after, before))
+    assert recodings.new_code("1", datetime(int(date), 6, 1)) == (code, False)
+    assert recodings.new_code("1", None) == ("1", False)
+
+
+def test_recoded_stations_are_at_one_place_within_the_errors_of_the_steps(tmp_path: Path) -> None:
+    """1_A until 2000 and 1_B until 2001, of which no reading has 1_B: √(0.3² + 0.4²) in plan.
+
+    Observed 50 m apart in latitude with 1 m each, the stations of the old and the new date keep
+    50 m less the share of the condition: 50 · 2/(2 + 0.25) m.
+    """
+    recode = (
+        "recode 1 to 1_A hv_error 0.3 0.6 m before 2000-01-01\n"
+        "recode 1 to 1_B hv_error 0.4 0.8 m before 2001-01-01\nfix 2\n"
+    )
+    north = 50.0 / 30.84  # seconds of arc
+    lines = ["Places", "#lt_error 0.03243 sec", "#ln_error 0.03243 sec", "#eh_error 1000 mm"]
+    for year, shift in ((1999, 0.0), (2005, north)):
+        lines += [f"#date 1 Jan {year}", "#data LT LN EH no_heights"]
+        lines += [f"1 41 00 {shift:07.4f} S 173 00 00 E 120.0"]
+    network = fga.read(job(tmp_path, recode, readings="\n".join(lines) + "\n"))
+    (condition,) = observed(network, "coordinate_difference")
+    assert {condition.station, condition.target} == {"1", "1_A"}
+    assert condition.sigma == pytest.approx((0.5, 0.5, 1.0))
+    solution = fga.adjust(network)
+    assert solution.redundancy == 3
+    d = solution.point("1") - solution.point("1_A")
+    assert np.linalg.norm(d) == pytest.approx(50.0 * 0.25 / 2.25, rel=2e-3)
 
 
 def test_stations_that_readings_do_not_locate_are_left_out(tmp_path: Path) -> None:
@@ -629,7 +688,12 @@ def test_ranges_of_codes_go_by_their_numbers(
         ("reweight_observations 2", "needs criteria of observations"),
         ("reject_observations data_type=QQ", "data_type must be some of SD, HD"),
         ("reject_observations data_file=other.dat", "no data_file before this line"),
-        ("recode 1 to 2 hv_error 0.1 m before 2008-01-01", "has no counterpart"),
+        ("recode 1 to 2 hv_error 0.1 before 2008-01-01", "hv_error needs one or two values and m"),
+        ("recode 1 to 2 hv_error 0.1 m", "hv_error needs a date: before or after"),
+        (
+            "recode 1 to X after 2008-01-01\nrecode 1 to X after 2009-01-01",
+            "site.snp:4: recode of 1 to X holds from two dates",
+        ),
         ("recode 1 to 2 before yesterday", "are no dates"),
         ("horizontal_float_error 0", "must be greater than zero"),
     ],
