@@ -29,11 +29,9 @@ from ...units import LENGTH
 from ..format_options import option_text
 from ..source import LeftOutReason, Source
 from .accuracies import NO_SIGMAS, Accuracies, StatedSigmas, root_mean_square
+from .stated_coordinates import UNKNOWN_COORDINATES, StatedCoordinates
 from .unnamed_station import WITHOUT_STATION, UnnamedSights
 
-MAX_COORDINATE_DIFFERENCE_M = 1e-4
-"""Coordinates of a point that is stated twice differ by less, metres."""
-UNKNOWN_COORDINATES = (math.nan, math.nan, math.nan)
 WITHOUT_READING = LeftOutReason("sights", "they have no reading")
 OWN_TARGETS = LeftOutReason("sights", "their target has the name of the station")
 REPEATED_BACKSIGHTS = LeftOutReason(
@@ -103,8 +101,8 @@ class FieldBook:
         self.source = source
         self.held = name_list(fixed)
         self.accuracies = accuracies
-        self.points: dict[str, tuple[float, float, float]] = {}
-        self.said: dict[str, int] = {}
+        self.coordinates = StatedCoordinates()
+        self.points = self.coordinates.points
         self.levelled_points: set[str] = set()
         self.sighted: set[str] = set()
         self.current: SetUp | None = None
@@ -114,8 +112,6 @@ class FieldBook:
         """Sights before any set-up."""
         self.setups: dict[str, int] = defaultdict(int)
         self.begun: list[SetUp] = []
-        self.repeated: dict[str, tuple[float, int]] = {}
-        """Largest difference of coordinates that do not count, and its line, by point."""
         self.readings: dict[tuple[str, str], list[tuple[int, FaceReading, StatedSigmas]]] = {}
         self.others: list[Observation] = []
 
@@ -135,27 +131,11 @@ class FieldBook:
 
         Coordinates that are stated first count. Others are a problem if they ought to ``agree``.
         Results of the instrument need not, as they differ from sight to sight: a remark of the
-        network names the largest differences.
+        network names the largest differences, and a doubt points at other places.
         """
-        if not name:
-            return
         e, n, u = (math.nan if v is None else v for v in (east, north, up))
-        given, new = self.points.get(name), (e, n, u)
-        if given is None:
-            self.points[name], self.said[name] = new, line
-            return
-        differences = [abs(a - b) for a, b in zip(given, new, strict=True) if a == a and b == b]
-        difference = max(differences, default=0.0)
-        if difference > MAX_COORDINATE_DIFFERENCE_M and not agree:
-            self.repeated[name] = max(self.repeated.get(name, (0.0, 0)), (difference, -line))
-        elif difference > MAX_COORDINATE_DIFFERENCE_M:
-            first = self.said[name]
-            self.source.wrong(
-                line, f"coordinates of point {name!r} differ from those of line {first}"
-            )
-        e, n, u = (b if math.isnan(a) else a for a, b in zip(given, new, strict=True))
-        self.points[name] = (e, n, u)
-        self.said[name] = self.said[name] if given != UNKNOWN_COORDINATES else line
+        if name:
+            self.coordinates.state(self.source, line, name, (e, n, u), agree=agree)
 
     def begin(self, line: int, station: str, height: float | None = None) -> None:
         """Begin a set-up on a point; `set_height` may give the height of the instrument later."""
@@ -374,6 +354,7 @@ class FieldBook:
         for r in reduced:
             if r is not None:
                 r.add_to(network)
+        network.doubts += self.coordinates.doubts()
         self._add_remarks(in_plan=in_plan)
         self.source.problems.finish(network)
         return network
@@ -453,16 +434,7 @@ class FieldBook:
         if flat and not in_plan:
             what = "is held in plan alone" if len(flat) == 1 else "are held in plan alone"
             remarks.append(f"{known(flat)} {what}: the file has no height")
-        if self.repeated:
-            largest = sorted(self.repeated.items(), key=lambda item: -item[1][0])
-            shown = [
-                f"{name} by {d:.4f} m ({self.source.place(-line)})" for name, (d, line) in largest
-            ]
-            n = "1 point" if len(largest) == 1 else f"{len(largest)} points"
-            what = (
-                f"coordinates of {n} are stated again with other values, of which the first count"
-            )
-            remarks.append(f"{what}; they differ in {known(shown, most=5)}")
+        remarks += self.coordinates.remarks()
 
     def _add_points(self, network: Network, held: tuple[str, ...], *, in_plan: bool) -> None:
         """Add the points; those that were only levelled are held in plan, or all in height."""

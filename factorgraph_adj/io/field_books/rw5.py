@@ -22,7 +22,7 @@ from ..format_reader import NetworkReader, Reader, begins_with
 from ..numbers import PACKED_DEGREES, checked_number
 from ..source import Field, LeftOutReason, TextSource
 from .accuracies import DEFAULT_ACCURACIES, Accuracies
-from .field_book import MAX_COORDINATE_DIFFERENCE_M, FieldBook
+from .field_book import FieldBook
 from .field_records import (
     NEEDED,
     SI,
@@ -33,6 +33,7 @@ from .field_records import (
     read_name,
     read_record,
 )
+from .stated_coordinates import MAX_COORDINATE_DIFFERENCE_M
 
 RW5_BEGINNING = (
     rb"(?:\s*--[^\r\n]*[\r\n])*\s*(?:JB,NM|MO,(?:AD|UN|SF)|(?:OC|BK|SS|TR|BD|FD),OP|LS,H[IR]|"

@@ -20,9 +20,8 @@ import numpy as np
 from ...models.similarity import fit_similarity
 from ...types import Array
 from ..source import LeftOutReason
+from .stated_coordinates import UNKNOWN_COORDINATES, Place
 
-Place = tuple[float, float, float]
-UNKNOWN_COORDINATES = (math.nan, math.nan, math.nan)
 WITHOUT_STATION = LeftOutReason("sights", "no station is known for them")
 UNNAMED_STATION = "station"
 """Name of a station that the file does not name."""

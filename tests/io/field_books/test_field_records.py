@@ -241,6 +241,20 @@ def test_coordinates_that_differ_are_a_problem_or_a_remark_that_names_them():
         "coordinates of 2 points are stated again with other values, of which the first count; "
         "they differ in A by 0.7000 m (a.raw:3), B by 0.0100 m (a.raw:5)"
     ]
+    assert not network.doubts
     book.point(6, "A", 1.0, 2.002, 3.0)
     with pytest.raises(InputError, match=r"a\.raw:6: coordinates of point 'A' differ from those "):
         book.network()
+
+
+def test_a_number_that_is_given_to_points_at_two_places_is_doubted():
+    book = new_book()
+    for line, (name, north) in enumerate([("A", 2.0), ("B", 5.0), ("A", 9.0), ("B", 5.9)], 1):
+        book.point(line, name, 1.0, north, 3.0, agree=False)
+    network = book.network()
+    (doubt,) = network.doubts
+    assert str(doubt) == (
+        "a.raw:3: 1 point has coordinates of another place, too: A by 7.0000 m (a.raw:3); points "
+        "that have one number are one point here: give each its own"
+    )
+    assert "they differ in B by 0.9000 m (a.raw:4)" in network.remarks[0]
