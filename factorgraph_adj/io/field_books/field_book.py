@@ -23,7 +23,7 @@ from ...frames import LocalFrame
 from ...network.face_readings import FaceReading
 from ...network.face_reduction import ReducedFaces, reduce_faces
 from ...network.network import Network
-from ...observations import HeightDifference, HorizontalDistance, Observation
+from ...observations import Azimuth, HeightDifference, HorizontalDistance, Observation
 from ...stochastic_model import StandardDeviation
 from ...units import LENGTH
 from ..format_options import option_text
@@ -420,7 +420,7 @@ class FieldBook:
         sights = [r for found in self.readings.values() for _, r, _ in found]
         if not sights and not self.others:
             return False
-        return all(isinstance(o, HorizontalDistance) for o in self.others) and not any(
+        return all(isinstance(o, HorizontalDistance | Azimuth) for o in self.others) and not any(
             r.zenith is not None or r.distance is not None for r in sights
         )
 

@@ -17,12 +17,13 @@ from ...crs.reference_system import ReferenceSystem
 from ...errors import InputError, Problem, known, taking
 from ...frames import LocalFrame
 from ...network.network import Network
+from ...observations import Azimuth, HorizontalDistance
 from ...units import ANGLE, FOOT, GON, US_SURVEY_FOOT
 from ..file_transaction import write_files
 from ..format_limits import grid_points
 from ..format_reader import NetworkReader, Reader
 from ..numbers import PACKED_DEGREES, write_quantity
-from ..source import ROWS_SWITCHED_OFF
+from ..source import DERIVED_OBSERVATIONS, ROWS_SWITCHED_OFF, LeftOutReason
 from ..xml_files import Element, begins_with_element, element_at
 from ..xml_source import XmlSource
 from .accuracies import DEFAULT_ACCURACIES, Accuracies
@@ -50,6 +51,14 @@ ANGULAR_UNITS: dict[str, float | str] = {
 DIRECT_FACES = {"true": 1, "1": 1, "false": 2, "0": 2}
 """Face by ``directFace``."""
 OBSERVATION_ELEMENTS = ("RawObservation", "ReducedObservation")
+COMPUTED_TYPES = ("computed", "derived", "calculated")
+"""Values of azimuthType and distanceType, in small letters, that state no measurement."""
+COMPUTED = LeftOutReason("azimuths and distances", "they are computed, not measured")
+ARCS = LeftOutReason("arcs", "azimuths and distances between two points alone are read")
+OTHER_DISTANCES = ("MSLDistance", "spheroidDistance", "vertDistance")
+OTHERS = LeftOutReason(
+    "reduced values", "azimuths and horizontal distances at the ground alone are read"
+)
 SETUP_ELEMENTS = ("InstrumentSetup",)
 UNREAD_SURVEY_ELEMENTS = {
     "GPSVector": "GPS vectors are geocentric: use a reader of GNSS vectors",
@@ -86,9 +95,17 @@ def read_landxml(
     already. The circle reading of a ``<Backsight>`` counts as a direction where no raw observation
     of its set-up has the same target. What is marked ``status="deleted"`` is left out.
 
+    A file without raw observations, such as a plan of a cadastre (ePlan), is read from its
+    ``<ReducedObservation>``: azimuth and horizDistance between the points of two set-ups
+    (targetSetupID), or to a ``<TargetPoint>``, in the units directionUnit and linearUnit; a remark
+    of the network says so. Azimuths refer to the meridian of the file; those that the file calls
+    computed are left out, and so are arcs, other distances and reduced observations beside raw
+    ones. Their accuracies are those of directions and distances in ``accuracies``: the file may
+    state them as classes.
+
     Features, the elements that HeXML adds (``<HexagonLandXML>``: codes, classes and qualities of
     the same points and observations), and everything outside ``<Survey>`` and ``<CgPoints>``, such
-    as surfaces and alignments, are not read; reduced observations and GPS vectors are refused.
+    as surfaces and alignments, are not read; GPS vectors are refused.
 
     Args:
         path: the file.
@@ -116,6 +133,10 @@ class _Reader:
         self.setups: dict[str, Element] = {}
         self.backsights: dict[str, list[Element]] = {}
         self.current: str | None = None
+        self.directions = Scales()
+        """Unit of azimuths."""
+        self.points: set[str] = set()
+        """Names of the elements <CgPoint>."""
 
     def read(self, root: Element) -> None:
         """Read units, points, set-ups and observations."""
@@ -136,8 +157,18 @@ class _Reader:
                 self._setup(e)
         surveys = [e for e in elements if e.tag == "Survey"]
         found = [(o, setup) for survey in surveys for o, setup in self._observations(survey)]
-        for o, setup in found:
+        raw = [(o, setup) for o, setup in found if o.tag == "RawObservation"]
+        for o, setup in raw:
             self._observation(o, setup)
+        reduced = [(o, setup) for o, setup in found if o.tag != "RawObservation"]
+        for o, setup in reduced:
+            if raw:
+                self.source.leave_out(o.line, DERIVED_OBSERVATIONS, _reduced_name(o, setup))
+            else:
+                self._reduced(o, setup)
+        if reduced and not raw:
+            what = "the file has no raw observations: azimuths and horizontal distances of its "
+            self.source.problems.remarks.append(f"{what}{len(reduced)} reduced ones are read")
 
     # -- units --------------------------------------------------------------------------------
 
@@ -154,6 +185,9 @@ class _Reader:
         angle = self.source.field(line, angular, "angularUnit").choice(ANGULAR_UNITS)
         length = self.source.field(line, linear, "linearUnit").choice(LINEAR_UNITS, default=1.0)
         self.scales = Scales(length or 1.0, angle or 1.0)
+        word = given.get("directionUnit", angular).lower()
+        direction = self.source.field(line, word, "directionUnit").choice(ANGULAR_UNITS)
+        self.directions = Scales(angle=direction or 1.0)
 
     def _angle(self, e: Element, name: str) -> float | None:
         field = self.source.attribute(e, name)
@@ -168,7 +202,9 @@ class _Reader:
         name = e.attributes.get("name") or e.attributes.get("oID", "")
         if not name and (e.attributes.get("pntRef") or not e.text.strip()):
             return
-        self._coordinates(e, self.source.field(e.line, name, "name of a <CgPoint>").name())
+        name = self.source.field(e.line, name, "name of a <CgPoint>").name()
+        self.points.add(name)
+        self._coordinates(e, name)
 
     def _coordinates(self, e: Element, name: str) -> None:
         """Note a point with the coordinates in the text of an element, north first."""
@@ -207,7 +243,7 @@ class _Reader:
                 group = e.attributes.get("id", "")
             gone = _deleted(e)
             for o in e.walk():
-                observed = o.tag in ("RawObservation", "Backsight", "ReducedObservation")
+                observed = o.tag in ("Backsight", *OBSERVATION_ELEMENTS)
                 if observed and (gone or _deleted(o)):
                     setup = o.attributes.get("setupID") or group
                     station = self.setups.get(setup)
@@ -215,9 +251,9 @@ class _Reader:
                     why = ROWS_SWITCHED_OFF
                     self.source.leave_out(o.line, why, f"{at} {self._target(o)}".strip())
                     continue
-                if o.tag == "ReducedObservation":
-                    self.source.wrong(o.line, "<ReducedObservation> is not read: give the raw one")
-                elif o.tag == "RawObservation":
+                if o.tag == "ReducedArcObservation":
+                    self.source.leave_out(o.line, ARCS, _reduced_name(o, group))
+                elif o.tag in OBSERVATION_ELEMENTS:
                     yield o, o.attributes.get("setupID") or group
                 elif o.tag == "Backsight":
                     setup = o.attributes.get("setupID") or group
@@ -264,6 +300,54 @@ class _Reader:
             # Where the face follows from the zenith reading, writers do not agree on directFace.
             face=None if zenith is not None else face,
         )
+
+    def _reduced(self, o: Element, setup: str) -> None:
+        """Read azimuth and horizontal distance between two points."""
+        ends = [self._point_of(o, "setupID", setup)]
+        if name := self._target(o):
+            ends.append(name)
+        else:
+            ends.append(self._point_of(o, "targetSetupID", o.attributes.get("targetSetupID", "")))
+        azimuth = self.source.attribute(o, "azimuth")
+        values = {
+            "azimuth": None if azimuth.is_absent else read_angle(azimuth, self.directions),
+            "distance": self._length(o, "horizDistance"),
+        }
+        if any(o.attributes.get(name) for name in OTHER_DISTANCES):
+            self.source.leave_out(o.line, OTHERS, _reduced_name(o, setup))
+        for name, kind in (("azimuth", Azimuth), ("distance", HorizontalDistance)):
+            value = values[name]
+            if value is None or not all(ends) or math.isnan(value):
+                continue
+            if o.attributes.get(f"{name}Type", "").lower() in COMPUTED_TYPES:
+                self.source.leave_out(o.line, COMPUTED, _reduced_name(o, setup))
+                continue
+            a = self.book.accuracies
+            sigma = a.direction(None) if kind is Azimuth else a.distance(None)
+            place = self.source.place(o.line)
+            found = self.source.attempt(
+                o.line, kind, ends[0], ends[1], value, sigma=sigma, source=place
+            )
+            self.book.others += [] if found is None else [found]
+        for name in ends:
+            self.book.point(o.line, name)
+
+    def _point_of(self, o: Element, attribute: str, setup: str) -> str:
+        """Return the name of the point of a set-up: of its <CgPoint>, or of the station."""
+        at = self.setups.get(setup)
+        if at is None:
+            what = f"the reduced observation needs {attribute}; {setup!r} is none of "
+            self.source.wrong(o.line, what + known(self.setups))
+            return ""
+        point = element_at(at, "InstrumentPoint")
+        name = "" if point is None else point.attributes.get("pntRef", "").strip()
+        return name if name in self.points else at.attributes.get("stationName", "").strip()
+
+
+def _reduced_name(o: Element, setup: str) -> str:
+    """Return the name of a reduced observation for messages: its own, or its set-ups."""
+    ends = f"{o.attributes.get('setupID') or setup} {o.attributes.get('targetSetupID', '')}"
+    return o.attributes.get("name") or ends.strip()
 
 
 def _deleted(e: Element) -> bool:
