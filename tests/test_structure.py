@@ -53,6 +53,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("orientation",),
     ("adjustment",),
     ("quality",),
+    ("accuracy",),
     # The whole as a factor graph for GTSAM's optimisers, and in its iSAM2.
     ("factor_graph",),
     ("validate",),

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ..accuracy.positional_accuracy import positional_accuracy
 from ..columns import Columns
 from ..quality.point_precision import CheckPoints
 from ..quality.point_precision import check_points as compare
@@ -24,8 +25,10 @@ from .adjusted_coordinates import (
 )
 from .adjustment_report import Report
 from .geodetic_coordinates import geographic_columns, grid_columns
-from .layout import decimals, percent, rms, title
+from .layout import decimals, paragraph, percent, rms, short, title
 from .tables import (
+    ENGLISH,
+    NO_FIGURE,
     READ,
     ArrayRows,
     Column,
@@ -352,4 +355,21 @@ def check_points_section(report: Report) -> list[str]:
         CheckedPoint(n, v.tolist()) for n, v in (("RMS", found.rms), ("RMS σ", found.rms_sigma))
     ]
     heading = title("Check points: adjusted − known coordinates, which took no part")
-    return [*heading, *as_text(replace(made, rows=rows)), *note]
+    accuracy = paragraph(ENGLISH("check_accuracy", **accuracy_figures(report, found)))
+    return [*heading, *as_text(replace(made, rows=rows)), *note, *accuracy]
+
+
+def accuracy_figures(report: Report, found: CheckPoints) -> dict[str, str]:
+    """Return the figures of ASPRS edition 2 and NSSDA at check points as texts, with their unit.
+
+    The survey error of the check points is not part of a network, and counts as 0.
+    """
+    accuracy = positional_accuracy(found)
+    figures = {
+        "rmse_h": accuracy.rmse_horizontal,
+        "rmse_v": accuracy.rmse_vertical,
+        "horizontal": accuracy.nssda[0],
+        "vertical": accuracy.nssda[1],
+    }
+    texts = {k: short(v / report.small) if isfinite(v) else NO_FIGURE for k, v in figures.items()}
+    return {"unit": report.units.sigma_length, **texts}

@@ -13,7 +13,13 @@ from ...quality.reliability import point_redundancy
 from ...units import decimal
 from ..adjusted_coordinates import lines_table
 from ..adjusted_photos import photos_table
-from ..adjusted_points import AdjustedPoint, CheckedPoint, check_points_table, points_table
+from ..adjusted_points import (
+    AdjustedPoint,
+    CheckedPoint,
+    accuracy_figures,
+    check_points_table,
+    points_table,
+)
 from ..adjustment_report import Report
 from ..catalogue import Texts
 from ..frames_and_shapes import shapes_table
@@ -104,7 +110,10 @@ def check_points_sheet(report: Report, t: Texts) -> Sheet | None:
         rms=three(found.rms),
         expected=three(found.rms_sigma),
     )
-    return as_html(made, t, notes=[note])
+    if not found.names:
+        return as_html(made, t, notes=[note])
+    accuracy = t("check_accuracy", **accuracy_figures(report, found))
+    return as_html(made, t, notes=[note, accuracy])
 
 
 def photos_sheet(report: Report, t: Texts) -> Sheet | None:

@@ -1,0 +1,1 @@
+"""Accuracy statements of standards: positions of check points, tests of instruments, budgets."""
