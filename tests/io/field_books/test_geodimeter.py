@@ -169,6 +169,44 @@ def test_units_are_those_of_label_23_or_of_options(tmp_path):
         read(tmp_path, without, angle_unit="rad")
 
 
+def shots(readings) -> str:
+    """Return targets read in both faces, without a unit."""
+    lines = ["2=S"]
+    for i, (first, second) in enumerate(readings):
+        lines += [f"5=P{i}", f"7={first}", f"17={second}", "9=10.0"]
+    return "\n".join(lines) + "\n"
+
+
+PACKED = [(f"{10 + i}.{10 + i}5{i % 10}", f"{190 + i}.{10 + i}4{i % 10}") for i in range(10)]
+
+
+@pytest.mark.parametrize(
+    ("readings", "unit", "why"),
+    [
+        (PACKED, "dms", "differ by 180, and decimals are minutes and seconds"),
+        ([*PACKED, ("30.1261", "210.1260")], "deg", "differ by 180, and decimals are no minutes"),
+        ([("10.7000", "210.6990")], "gon", "differ by 200"),
+        ([("383.1316", "183.1300")], "gon", "383.1316 is beyond 360"),
+    ],
+)
+def test_readings_show_their_unit(tmp_path, readings, unit, why):
+    network = read(tmp_path, shots(readings))
+    assert f"they are read as {unit}, as " in network.remarks[0]
+    assert why in network.remarks[0]
+    stated = read(tmp_path, shots(readings), angle_unit=unit)
+    assert network.observations == stated.observations
+
+
+@pytest.mark.parametrize(
+    "readings",
+    [PACKED[:9], [("10.1000", "200.1000")], [("10.1", "190.1"), ("10.1", "210.1")]],
+)
+def test_readings_that_do_not_show_their_unit_need_the_option(tmp_path, readings):
+    """Too few, another difference, and both differences."""
+    with pytest.raises(InputError, match=r"book\.job:3: the file states no unit of angles"):
+        read(tmp_path, shots(readings))
+
+
 # -- wrong files ----------------------------------------------------------------------------------
 
 
