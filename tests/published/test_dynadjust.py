@@ -79,6 +79,18 @@ def weights(equations: Equations) -> Array:
     return np.asarray(w.T @ w)
 
 
+def test_columns_have_the_network_of_the_elements(folder: Path) -> None:
+    """gnss-network.stn and .msr are the files of DynAdjust from which its DynaML was written."""
+    options = {"reference_frames": "by GDA94"}
+    columns = fga.read(folder / "gnss-network.stn", **options)
+    elements = fga.read(folder / STATIONS, **options)
+    assert list(columns.points) == list(elements.points)
+    for a, b in zip(columns.observations.values(), elements.observations.values(), strict=True):
+        assert (a.kind, a.names()) == (b.kind, b.names())
+        np.testing.assert_array_equal(a.value, b.value)  # type: ignore[attr-defined]
+    assert adjust(columns).vtpv == pytest.approx(CHI_SQUARED, abs=0.005)
+
+
 def test_everything_of_the_listing_is_read(
     measurements: list[Measurement], stations: dict[str, Station]
 ) -> None:

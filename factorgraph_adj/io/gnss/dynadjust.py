@@ -15,7 +15,7 @@ from ...network.network import Network
 from ..format_reader import NetworkReader, Reader
 from ..source import Problems
 from ..text_files import file_beginning
-from .dynadjust_columns import HEADER, STATION_LINE, dynadjust_records
+from .dynadjust_columns import HEADER, dynadjust_records, has_stations
 from .dynadjust_measurements import network_of
 
 PARTNERS = {".stn": ".msr", ".msr": ".stn"}
@@ -86,10 +86,7 @@ def read_dynadjust(
 def recognise_dynadjust(path: Path) -> bool:
     """Return whether a file begins as one of stations or measurements does."""
     text = file_beginning(path).decode("latin-1")
-    if HEADER.match(text):
-        return True
-    rows = [t for t in text.splitlines()[:-1] if t.strip() and not t.startswith("*")]
-    return bool(rows) and all(STATION_LINE.match(t) for t in rows)
+    return HEADER.match(text) is not None or has_stations(text.splitlines()[:-1])
 
 
 READER = Reader(

@@ -7,7 +7,7 @@ Grammar: the tables of columns of DynAdjust's reader, include/io/dnaiodnatypes.h
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from ..source import Field, Problems, TextSource
@@ -107,7 +107,10 @@ def dynadjust_records(path: Path, problems: Problems, *, driver: bool = False) -
     source = TextSource(path, problems)
     head = source.lines[0]
     found = HEADER.match(head)
-    kind = found["kind"].upper() if found else path.suffix[1:].upper()
+    if found:
+        kind = found["kind"].upper()
+    else:
+        kind = "STN" if has_stations(source.lines) else path.suffix[1:].upper()
     version = found["version"] if found else "1.00"
     if head.startswith("!#=DNA") and not found:
         source.wrong(1, "the header must be !#=DNA, a version, and STN or MSR")
@@ -123,6 +126,12 @@ def dynadjust_records(path: Path, problems: Problems, *, driver: bool = False) -
         return RecordFile(source, frame, tuple(_stations(source, version, first)), ())
     lines = _Lines(source, version, frame, epoch, driver=driver)
     return RecordFile(source, frame, (), tuple(lines.measurements(first)))
+
+
+def has_stations(lines: Sequence[str]) -> bool:
+    """Return whether lines without a header are stations of version 1.00."""
+    rows = [t for t in lines if t.strip() and not t.startswith("*")]
+    return bool(rows) and all(STATION_LINE.match(t) for t in rows)
 
 
 def _stations(source: TextSource, version: str, first: int) -> Iterator[StationRecord]:

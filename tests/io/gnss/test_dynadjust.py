@@ -462,3 +462,36 @@ def test_heights_beside_their_columns_are_taken_in_their_order(tmp_path: Path) -
     cut = MEASUREMENTS.replace("    0.003  1.500  1.600", "    0.003    1.500")
     with pytest.raises(fga.InputError, match="a number goes on beyond column 106"):
         read(tmp_path, measurements=cut)
+
+
+def test_files_without_header_are_recognised_by_their_stations(tmp_path: Path) -> None:
+    stations, measurements = columns("1.00")
+    path = written(tmp_path, stations, measurements)
+    assert len(fga.read(path, geoid=4.5).observations) == 22
+    path.rename(tmp_path / "net.txt")
+    assert len(fga.read(tmp_path / "net.txt", geoid=4.5).points) == 3
+
+
+def test_every_type_is_written_as_dynaml_and_read_again(tmp_path: Path) -> None:
+    network = read(tmp_path)
+    fga.write_dynaml(network, tmp_path / "again.xml")
+    again = fga.read_dynaml(tmp_path / "again.xml", geoid=4.5)
+
+    def by_type(n: fga.Network) -> list[tuple]:  # type: ignore[type-arg]
+        found = [
+            (o.kind, o.names(), getattr(o, "line", ""), tuple(np.ravel(o.value).round(9)))  # type: ignore[attr-defined]
+            for o in n.observations.values()
+        ]
+        return sorted(found)
+
+    assert by_type(again) == by_type(network)
+    for cls in (fga.EllipsoidDistance, fga.EllipsoidHeight, fga.EllipsoidHeightDifference):
+        one, other = (
+            sorted(
+                repr(sorted((vars(o) | {"id": "", "source": ""}).items()))
+                for o in n.observations.values()
+                if isinstance(o, cls)
+            )
+            for n in (network, again)
+        )
+        assert one == other and one
