@@ -1,7 +1,7 @@
 """Command ``factorgraph-adj``: its table of commands, parsers that suggest words, exit codes.
 
-Commands are new, check, convert, join, formats, compare, adjust, plot, stream, plan, propose. Each
-adds its arguments when it is called, and returns an exit code of `factorgraph_adj.cli.messages`.
+Commands are new, check, convert, join, map, formats, compare, adjust, plot, stream, plan, propose.
+Each adds its arguments when it is called, and returns an exit code of `cli.messages`.
 Errors go to stderr as a list with one problem in each line.
 """
 
@@ -46,6 +46,7 @@ COMMAND_MODULES = {
     "check": ("network_files", "add_check", "find every problem of the input"),
     "convert": ("network_files", "add_convert", "read a network in one format, write another"),
     "join": ("network_files", "add_join", "read several files of one object, write one network"),
+    "map": ("table_mapping", "add_map", "print a mapping of the columns of a table, to correct"),
     "formats": ("formats", "add_formats", "list the formats that are read and written"),
     "compare": ("comparison", "add_compare", "adjust two epochs and tell what moved"),
 }

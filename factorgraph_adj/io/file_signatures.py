@@ -25,8 +25,8 @@ TABLE_LINES = 20
 """Number of lines by which a table is recognised."""
 TABLE_SEPARATORS = {";": "semicolons", "\t": "tabs", ",": "commas", "|": "bars"}
 MAPPING_ADVICE = (
-    "if it has points or readings, read it with a mapping of its columns: --from columns --set "
-    "mapping=mapping.toml, see docs/how_to/total_station.md"
+    "if it has points or readings, `factorgraph-adj map FILE > mapping.toml` proposes a mapping of "
+    "its columns to be corrected; read it by --from columns --set mapping=mapping.toml"
 )
 FORMATS_ADVICE = "`factorgraph-adj formats` lists what is read; --from and format= name one"
 FIRST_ELEMENT = re.compile(
@@ -137,7 +137,8 @@ def looks_like(path: Path) -> tuple[str, str] | None:
     names = _packed_names(path)
     if "[Content_Types].xml" in names and any(name.startswith("word/") for name in names):
         return "a document of Word", "save it as plain text"
-    if "[Content_Types].xml" in names and any(name.startswith("xl/") for name in names):
+    is_workbook = any(name.startswith("xl/") for name in names)
+    if "[Content_Types].xml" in names and is_workbook and path.suffix.lower() != ".xlsx":
         return "a workbook of Excel", "give it the suffix .xlsx, or save a sheet as .csv"
     return None
 

@@ -1,75 +1,40 @@
-"""Reader of text tables of any program by a column map: points, readings, observations."""
+"""Reader of tables of any program by a column map: points, readings, levelling, observations."""
 
 from __future__ import annotations
 
 import csv
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from ...errors import InputError, Problem, known
-from ...files import inside, path_objection, read_bytes
+from ...files import inside, read_bytes
 from ...frames import LocalFrame
 from ...network.network import Network
 from ...observations import Observation
+from ...units import LENGTH
 from .. import numbers
 from ..csv_tables import unguarded_cell
 from ..field_books.accuracies import DEFAULT_ACCURACIES, Accuracies
 from ..field_books.field_book import FieldBook
+from ..field_books.plane_readings import NOT_IN_PLAN, plane_readings
 from ..format_reader import NetworkReader, Reader
-from ..numbers import Units
 from ..observation_fields import RecordContext
 from ..observation_records import observation_from_record
-from ..source import Problems, Source
-from ..text_files import read_toml
+from ..source import LeftOutReason, Problems, Source
+from .column_map import (
+    MAPPED_ANGLES,
+    MAPPED_LENGTHS,
+    TEXT_COLUMNS,
+    ColumnMap,
+    MappedSection,
+    column_map,
+)
+from .guessed_mapping import guessed_mapping
+from .workbook import is_workbook, sheet_rows
 
-MAPPED_SECTIONS = ("points", "readings", "observations")
-MAPPED_POINT_COLUMNS = ("name", "x", "y", "z", "fixed")
-MAPPED_READING_COLUMNS = (
-    *("station", "target", "set", "face", "direction", "zenith", "distance"),
-    *("horizontal_distance", "instrument_height", "target_height"),
-)
-SECTION_COLUMNS = {
-    "points": MAPPED_POINT_COLUMNS,
-    "readings": MAPPED_READING_COLUMNS,
-    "observations": None,
-}
-"""Columns of the sections; those of observations depend on the kind."""
-REQUIRED_COLUMNS = {
-    "points": ("name",),
-    "readings": ("station", "target"),
-    "observations": ("kind",),
-}
-TEXT_COLUMNS = (
-    "name",
-    "fixed",
-    "station",
-    "target",
-    "target2",
-    "point",
-    "set",
-    "face",
-    "kind",
-    "id",
-    "instrument",
-    "refraction",
-    "axes",
-    "photo",
-)
-"""Columns that are no numbers: a decimal comma is not searched for in them."""
-MAPPING_KEYS = (
-    "delimiter",
-    "decimal",
-    "encoding",
-    "header",
-    "axes",
-    "units",
-    "sigma",
-    *MAPPED_SECTIONS,
-)
-DELIMITERS = {"comma": ",", "semicolon": ";", "tab": "\t", "blank": " "}
 MAX_CELL = 500
 """Characters of a cell; more are a missing quotation mark."""
 HELD_BY_WORD = {
@@ -85,163 +50,63 @@ HELD_BY_WORD = {
 """Words in the column ``fixed``, beside axes such as xyz, xy and z."""
 FACE_BY_WORD = {"1": 1, "i": 1, "f1": 1, "l": 1, "2": 2, "ii": 2, "f2": 2, "r": 2}
 """Words in the column ``face``."""
+KINDS_OF_HEIGHT = (
+    "height_difference",
+    "height",
+    "zenith_angle",
+    "vertical_angle",
+    "slope_distance",
+)
+"""Kinds of observations that a plane network cannot have; a network of heights has the first."""
+IN_PLAN_ALONE = LeftOutReason(
+    "readings and observations", "a network of heights (dimension = 1) has levelled ones alone"
+)
+NOT_FREE = {1: "xy", 2: "z"}
+"""Axes in which all points are held, by dimension."""
 SIGHT_COLUMNS = ("direction", "zenith", "distance", "horizontal_distance")
 """Columns of what is read to a target; a reading has one of them at least."""
-
-
-@dataclass(frozen=True)
-class MappedSection:
-    """One table of the mapping."""
-
-    name: str
-    """points, readings or observations."""
-    file: str | None
-    """File beside the one that is read; None: that one."""
-    columns: Mapping[str, str]
-    """Header of the file for each column of this package; ``=text`` is a constant."""
-    where: str = ""
-    """Where the mapping states it, for messages."""
-
-
-@dataclass(frozen=True)
-class ColumnMap:
-    """How a table is read."""
-
-    delimiter: str | None = None
-    """Character between cells; None: it follows from the header."""
-    decimal: str = "."
-    """Decimal point or comma."""
-    encoding: str = "utf-8-sig"
-    """Encoding of the text."""
-    header: int = 1
-    """Line of the header; 0: there is none, and columns are named 1, 2, …"""
-    axes: str = "en"
-    """Axes of x and y."""
-    units: Units = field(default_factory=Units)
-    """Units of lengths and angles."""
-    sigma: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
-    """Standard deviations by kind of observation, as in project.toml."""
-    sections: tuple[MappedSection, ...] = ()
-    """The tables."""
-
-
-def column_map(given: ColumnMap | Mapping[str, Any] | str | Path) -> ColumnMap:
-    """Return the mapping that a dictionary or a TOML file states.
-
-    Raises:
-        InputError: the file cannot be read, or keys or values are wrong: all are listed.
-    """
-    if isinstance(given, ColumnMap):
-        return given
-    where, places = "mapping", None
-    if isinstance(given, str | Path):
-        where = Path(given).name
-        given, places = read_toml(Path(given))
-    problems = [
-        Problem(f"unknown key {k!r}; valid: {known(MAPPING_KEYS, meant=k, most=20)}", where)
-        for k in given
-        if k not in MAPPING_KEYS
-    ]
-    out: dict[str, Any] = {}
-    for key, valid in (("decimal", (".", ",")), ("axes", ("en", "ne"))):
-        out[key] = given.get(key, valid[0])
-        if out[key] not in valid:
-            problems.append(
-                Problem(f"{key} must be one of {known(valid)}, not {out[key]!r}", where)
-            )
-    delimiter = given.get("delimiter")
-    out["delimiter"] = DELIMITERS.get(str(delimiter), delimiter)
-    if delimiter is not None and (not isinstance(delimiter, str) or len(out["delimiter"]) != 1):
-        what = f"delimiter must be a character or {known(DELIMITERS)}, not {delimiter!r}"
-        problems.append(Problem(what, where))
-    out["encoding"] = given.get("encoding", "utf-8-sig")
-    try:
-        "".encode(out["encoding"])
-    except (LookupError, TypeError, UnicodeError):
-        problems.append(
-            Problem(f"unknown encoding {out['encoding']!r}; valid: utf-8, cp1252 …", where)
-        )
-    out["header"] = given.get("header", 1)
-    if not isinstance(out["header"], int) or not 0 <= out["header"] <= 10_000:
-        problems.append(Problem(f"header must be a line, or 0, not {out['header']!r}", where))
-    out["units"] = _units(given.get("units", {}), where, problems)
-    sigma = given.get("sigma", {})
-    if not isinstance(sigma, Mapping) or not all(isinstance(v, Mapping) for v in sigma.values()):
-        problems.append(Problem("sigma must have a table for each kind, as in project.toml", where))
-        sigma = {}
-    out["sigma"] = sigma
-    out["sections"] = tuple(
-        s
-        for name in MAPPED_SECTIONS
-        if name in given and (s := _section(name, given[name], where, problems))
-    )
-    if not any(name in given for name in MAPPED_SECTIONS):
-        problems.append(Problem(f"needs one of the tables {known(MAPPED_SECTIONS)}", where))
-    if problems:
-        raise InputError(problems if places is None else map(places.placed, problems))
-    return ColumnMap(**out)
-
-
-def _units(given: object, where: str, problems: list[Problem]) -> Units:
-    if not isinstance(given, Mapping) or not set(given) <= {"length", "angle"}:
-        problems.append(Problem("units takes length and angle", where))
-        return Units()
-    try:
-        return Units(**{k: str(v) for k, v in given.items()})
-    except InputError as error:
-        problems += [Problem(p.what, f"{where}: units") for p in error.problems]
-        return Units()
-
-
-def _section(name: str, given: object, where: str, problems: list[Problem]) -> MappedSection | None:
-    if not isinstance(given, Mapping) or not all(isinstance(v, str) for v in given.values()):
-        what = f"{name} must name a header of the file for each column, all of them texts"
-        problems.append(Problem(what, f"{where}: [{name}]"))
-        return None
-    columns = {k: v for k, v in given.items() if k != "file"}
-    valid = SECTION_COLUMNS[name]
-    for key in columns:
-        if valid is not None and key not in valid:
-            what = f"{name} has no column {key!r}; valid: {known(valid, meant=key)}"
-            problems.append(Problem(what, f"{where}: [{name}]"))
-    for key in REQUIRED_COLUMNS[name]:
-        if key not in columns:
-            problems.append(Problem(f"{name} needs the column {key!r}", f"{where}: [{name}]"))
-    file = given.get("file")
-    if file is not None and (why := path_objection(file)):
-        problems.append(Problem(f"file of {name}: {file!r} {why}", f"{where}: [{name}]"))
-        return None
-    return MappedSection(name, file, columns, f"{where}: [{name}]")
 
 
 def read_columns(
     path: str | Path,
     *,
-    mapping: ColumnMap | Mapping[str, Any] | str | Path,
+    mapping: ColumnMap | Mapping[str, Any] | str | Path | None = None,
+    sheet: str | None = None,
+    dimension: Literal[1, 2, 3] | None = None,
     fixed: str | Iterable[str] = (),
     accuracies: Accuracies = DEFAULT_ACCURACIES,
 ) -> Network:
-    """Read points, readings and observations from tables of any program.
+    """Read points, readings, levelled lines and observations from tables of any program.
 
     The mapping, a dictionary or a TOML file, says for each column of this package which header of
-    the file it is, or, after ``=``, a constant. It has up to three tables, which are read from the
-    same file or, with ``file``, from another beside it:
+    the file it is, or, after ``=``, a constant. It has up to four tables, which are read from the
+    same file or, with ``file`` and ``sheet``, from another beside it or another sheet:
 
     - ``points``: name, x, y, z, fixed (yes, no or axes such as xy);
     - ``readings``: station, target, direction, zenith, distance, horizontal_distance, set, face,
       instrument_height, target_height: a field book, whose faces are reduced;
+    - ``levelling``: station, target, difference, length of the line;
     - ``observations``: kind and the columns of this kind in observations.csv.
 
     Keys beside them: ``delimiter`` (from the header if absent), ``decimal`` (``.`` or ``,``),
     ``encoding``, ``header`` (line of the header; 0: none, columns are named 1, 2, …), ``axes`` (en
-    or ne: what x and y are; default en), ``units`` (length, angle) and ``sigma``, standard
-    deviations by kind as in project.toml. Columns of the file that are not mapped are not read.
-    A row of points without coordinates and empty rows of another table are no error; a point that
-    only readings or observations name is unknown. Points that no table states are added.
+    or ne: what x and y are; default en), ``sheet``, ``dimension``, ``units`` (length, also ft and
+    us-ft; angle, also packed, D.MMSS; line) and ``sigma``, standard deviations by kind as in
+    project.toml. Columns of the file that are not mapped are not read. A row of points without
+    coordinates and empty rows of another table are no error; a point that only readings or
+    observations name is unknown. Points that no table states are added; those that are levelled
+    alone are held in plan.
+
+    Without a mapping the error proposes one that is guessed from the header, in TOML; ``"guess"``
+    uses it where the file leaves nothing open, and a remark of the network has it.
 
     Args:
-        path: the table.
-        mapping: the mapping, or a TOML file with it.
+        path: the table: text with separators, or a workbook of Excel.
+        mapping: the mapping, a TOML file with it, or "guess".
+        sheet: sheet of a workbook; None: that of the mapping, or its only one.
+        dimension: 1: heights alone, all points are held in plan; 2: a plane network, all points are
+            held in height and slope distances are reduced by zenith readings; None: that of the
+            mapping, or 3.
         fixed: names of points that are held, beside those whose column says so.
         accuracies: standard deviations, faces and refraction, see `factorgraph_adj.Accuracies`.
 
@@ -249,7 +114,19 @@ def read_columns(
         InputError: every problem of mapping and tables, each with file and line.
     """
     source = Path(path)
-    return _Reader(source, column_map(mapping), accuracies, fixed).network()
+    remark = ""
+    if mapping is None or mapping == "guess":
+        guess = guessed_mapping(source, sheet)
+        if mapping is None:
+            raise InputError(Problem(guess.proposal(), source.name))
+        mapping, remark = guess.checked(), guess.remark()
+    found = column_map(mapping)
+    found = replace(
+        found,
+        sheet=found.sheet if sheet is None else sheet,
+        dimension=found.dimension if dimension is None else dimension,
+    )
+    return _Reader(source, found, accuracies, fixed, remark).network()
 
 
 class _Reader:
@@ -259,17 +136,21 @@ class _Reader:
         mapping: ColumnMap,
         accuracies: Accuracies,
         fixed: str | Iterable[str],
+        remark: str,
     ) -> None:
         self.path = path
         self.map = mapping
         self.accuracies = accuracies
         self.problems = Problems()
+        self.problems.remarks += [remark] if remark else []
         self.source = Source(path, self.problems)
         self.book = FieldBook(self.source, accuracies, fixed, zero_is_unmeasured=False)
         self.held: dict[str, str] = {}
         self.observations: list[Observation] = []
         self.at: tuple[str, float, str] | None = None
-        self.context = RecordContext(units=mapping.units, sigma=mapping.sigma)
+        self.context: RecordContext | None = None
+        if mapping.units.of_project is not None:
+            self.context = RecordContext(units=mapping.units.of_project, sigma=mapping.sigma)
 
     def network(self) -> Network:
         """Read all tables and return the network."""
@@ -284,6 +165,7 @@ class _Reader:
             read = {
                 "points": self._point,
                 "readings": self._reading,
+                "levelling": self._levelled,
                 "observations": self._observation,
             }[section.name]
             self.book.source = self.source = Source(file, self.problems)
@@ -292,8 +174,10 @@ class _Reader:
                 read(line, row)
         self.book.source = self.source = Source(self.path, self.problems)
         for o in self.observations:
+            levelled = o.kind == "height_difference"
             for name in o.points():
                 self.book.point(0, name)
+                (self.book.levelled_points if levelled else self.book.sighted).add(name)
         self.problems.raise_all()
         self.book.others += self.observations
         network = self.book.network()
@@ -303,8 +187,9 @@ class _Reader:
         return self._with_held(network)
 
     def _with_held(self, network: Network) -> Network:
-        """Return the network with the axes of the mapping and the points that the table holds."""
-        if not any(self.held.values()) and self.map.axes == "en":
+        """Return the network with the axes and the dimension of the mapping, and points held."""
+        not_free = NOT_FREE.get(self.map.dimension or 3, "")
+        if not any(self.held.values()) and self.map.axes == "en" and not not_free:
             return network
         held = any(self.held.values()) or bool(self.book.held)
         out = Network(
@@ -313,8 +198,12 @@ class _Reader:
             datum="given" if held else "free",
         )
         for p in network.points.values():
-            axes = {*p.held, *self.held.get(p.name, "")}
-            out.add_point(p.name, p.coordinates, fixed="".join(a for a in "xyz" if a in axes))
+            axes = {*p.held, *self.held.get(p.name, ""), *not_free}
+            place = [
+                0.0 if math.isnan(v) and a in not_free else v
+                for a, v in zip("xyz", p.coordinates, strict=True)
+            ]
+            out.add_point(p.name, place, fixed="".join(a for a in "xyz" if a in axes))
         for group, unknown in network.refractions.items():
             out.set_refraction(str(group), value=unknown.values[0], fixed=True)
         for kind, table in network.parameters.items():
@@ -330,32 +219,44 @@ class _Reader:
 
     def _rows(self, file: Path, section: MappedSection) -> Iterator[tuple[int, dict[str, str]]]:
         """Iterate over the rows of a file: line, and filled cells by column of this package."""
-        lines = self._lines(file)
-        start = max(self.map.header - 1, 0)
-        if len(lines) <= start:
+        header: list[str] | None = None
+        problems = self.problems.count
+        for line, found in self._table(file, section):
+            cells = [unguarded_cell(c.strip()) for c in found]
+            if any(len(c) > MAX_CELL for c in cells):
+                what = f"a cell has more than {MAX_CELL} characters: a missing quotation mark?"
+                self.source.wrong(line, what)
+                return
+            if header is None:
+                header = self._header(file, line, cells, section)
+                if header is None:
+                    return
+                if self.map.header:
+                    continue
+            if any(cells):
+                yield line, self._cells(file, line, header, cells, section)
+        if header is None and self.problems.count == problems:
             self.source.wrong(0, "has no header, or no rows")
+
+    def _table(self, file: Path, section: MappedSection) -> Iterator[tuple[int, list[str]]]:
+        """Iterate over the rows from that of the header on: line and cells."""
+        start = max(self.map.header - 1, 0)
+        if is_workbook(file):
+            rows = self.problems.attempt(
+                file.name, sheet_rows, file, section.sheet or self.map.sheet
+            )
+            yield from ((line, cells) for line, cells in rows or () if line > start)
+            return
+        lines = self._lines(file)
+        if len(lines) <= start:
             return
         delimiter = self.map.delimiter or next((d for d in ";\t," if d in lines[start]), ",")
         found = csv.reader(lines[start:], delimiter=delimiter, skipinitialspace=delimiter == " ")
-        header: list[str] | None = None
         try:
             for cells in found:
-                line = start + found.line_num
-                cells = [unguarded_cell(c.strip()) for c in cells]
                 if delimiter == " ":
                     cells = [c for c in cells if c]
-                if any(len(c) > MAX_CELL for c in cells):
-                    what = f"a cell has more than {MAX_CELL} characters: a missing quotation mark?"
-                    self.source.wrong(line, what)
-                    return
-                if header is None:
-                    header = self._header(file, line, cells, section)
-                    if header is None:
-                        return
-                    if self.map.header:
-                        continue
-                if any(cells):
-                    yield line, self._cells(file, line, header, cells, section)
+                yield start + found.line_num, cells
         except csv.Error as error:
             self.source.wrong(start + 1, f"is not a table: {error}")
 
@@ -411,6 +312,9 @@ class _Reader:
         if name not in row:
             return None
         try:
+            # Feet are no unit of a project, whose numbers keep every bit.
+            if unit in MAPPED_LENGTHS and unit not in LENGTH:
+                return numbers.parse_quantity(row[name]) * MAPPED_LENGTHS[unit]
             return numbers.parse_quantity(row[name], unit)
         except ValueError as error:
             comma = self.map.decimal == "." and "," in row[name]
@@ -441,7 +345,7 @@ class _Reader:
         if not station or not target:
             self.source.wrong(line, "a reading needs station and target")
             return
-        length, angle = self.map.units.length, self.map.units.angle
+        length, angle = self.map.units.length, MAPPED_ANGLES[self.map.units.angle]
         value = {
             n: self._number(line, row, n, angle if n in ("direction", "zenith") else length)
             for n in (
@@ -463,22 +367,54 @@ class _Reader:
         word = row.get("face", "").lower()
         if word and word not in FACE_BY_WORD:
             self.source.wrong(line, f"face must be 1 or 2 (I, II, L, R), not {word[:20]!r}")
+        lengths = {n: value[n] for n in ("zenith", "distance")}
+        lengths["horizontal"] = value["horizontal_distance"]
+        if self.map.dimension == 1:
+            self.source.leave_out(line, IN_PLAN_ALONE, target)
+            return
+        if self.map.dimension == 2:
+            lengths = {"horizontal": plane_readings(self.source, line, target, **lengths)}
+            if value["direction"] is lengths["horizontal"] is None:
+                return
         self.book.sight(
             line,
             self.source.field(line, target, "target").name(),
             direction=value["direction"],
-            zenith=value["zenith"],
-            distance=value["distance"],
-            horizontal=value["horizontal_distance"],
+            zenith=lengths.get("zenith"),
+            distance=lengths.get("distance"),
+            horizontal=lengths["horizontal"],
             target_height=value["target_height"] or 0.0,
             face=FACE_BY_WORD.get(word),
         )
 
+    def _levelled(self, line: int, row: dict[str, str]) -> None:
+        station, target = (
+            self.source.field(line, row.get(n), n).name() for n in ("station", "target")
+        )
+        units = self.map.units
+        value = self._number(line, row, "difference", units.length)
+        length = self._number(line, row, "length", units.line or units.length)
+        if value is None:
+            self.source.wrong(line, "a levelled line needs the column difference")
+        elif self.map.dimension == 2:
+            self.source.leave_out(line, NOT_IN_PLAN, target)
+        elif station and target:
+            self.book.levelled(line, station, target, value, length or 0.0)
+
     def _observation(self, line: int, row: dict[str, str]) -> None:
         place = self.source.place(line)
+        if self.context is None:
+            what = "other observations have units of a project: use readings or levelling, "
+            self.problems.wrong(f"{what}or convert feet and packed degrees", place)
+            return
         with self.problems.collect(place):
             found = observation_from_record(row, context=self.context, source=place)
-            self.observations.append(found)
+            if found.kind in KINDS_OF_HEIGHT and self.map.dimension == 2:
+                self.source.leave_out(line, NOT_IN_PLAN, found.kind)
+            elif found.kind not in KINDS_OF_HEIGHT[:2] and self.map.dimension == 1:
+                self.source.leave_out(line, IN_PLAN_ALONE, found.kind)
+            else:
+                self.observations.append(found)
 
 
-READER = Reader("columns", (".csv",), "table with a mapping", NetworkReader(read_columns))
+READER = Reader("columns", (".csv", ".xlsx"), "table with a mapping", NetworkReader(read_columns))

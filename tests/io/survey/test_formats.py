@@ -440,7 +440,7 @@ def test_mistakes_in_mapping_and_table_are_told_with_their_place(tmp_path):
     ):  # fmt: skip
         with pytest.raises(InputError, match=said):
             fga.read(path, mapping={**MAPPING, **change})
-    with pytest.raises(InputError, match="needs one of the tables points, readings, observations"):
+    with pytest.raises(InputError, match="needs one of the tables points, readings, levelling"):
         fga.read(path, mapping={})
     text = columns()["book.csv"].encode("utf-8").replace(b"x", b"\xe4")
     path.write_bytes(text)
@@ -485,7 +485,7 @@ def test_lengths_of_gsi_are_the_floats_of_their_decimals(tmp_path, word, metres)
 def test_a_table_without_a_mapping_and_with_commas_says_what_to_state(tmp_path):
     """A missing option is an error of the input, not of the program."""
     (tmp_path / "book.csv").write_text("P;H\nA;1,5\n", encoding="utf-8")
-    with pytest.raises(InputError, match="table with a mapping needs the option mapping: "):
+    with pytest.raises(InputError, match="needs a mapping of its columns"):
         fga.read(tmp_path / "book.csv")
     mapping = '[points]\nname = "P"\nz = "H"\n'
     (tmp_path / "map.toml").write_text(mapping, encoding="utf-8")
