@@ -90,6 +90,7 @@ EXTRAS = {
     "xarray": ("export",),
     "poselib": ("orientation",),
     "yaml": ("io",),
+    "openpyxl": ("io",),
     "pyproj": ("crs",),
     "ezdxf": ("export",),
     "jinja2": ("report",),

@@ -7,7 +7,8 @@ Format of the National Geodetic Survey: D. Gillins, I. Sellars, GNSS Vector Exch
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal
@@ -21,6 +22,7 @@ from ...network.network import Network
 from ...observations import Correlated, GnssVector, Observation
 from ...types import Array
 from ...version import __version__
+from ..field_books.field_book import name_list
 from ..file_transaction import write_files
 from ..format_limits import Refusals
 from ..format_reader import NetworkReader, Reader, beginning_has
@@ -55,14 +57,16 @@ class GvxVector:
 def read_gvx(
     path: str | Path,
     *,
+    fixed: str | Iterable[str] = (),
     correlations: Literal["sessions", "vectors"] = "sessions",
     ellipsoid: str = "GRS80",
 ) -> Network:
     """Read the marks and vectors of a GVX file.
 
     The frame is geocentric. A ``<POINT>`` is the occupation of a mark: points of one ``<NAME>`` are
-    one point of the network, whose approximate coordinates are those of its first occupation. No
-    mark is held: hold or weight those that carry the datum. Vectors are from mark to mark, so that
+    one point of the network, whose approximate coordinates are those of its first occupation;
+    marks that ``fixed`` names are held at them, otherwise hold or weight those that carry the
+    datum. Vectors are from mark to mark, so that
     antenna heights are not applied again; their covariance is made of the standard deviations and
     correlations of ``<CORRELATION_MATRIX>``. Vectors of a ``<SESSION>`` have the correlations of
     its ``<CCM_BLOCK>``: nine numbers, row by row, rows being the components of the vector
@@ -70,6 +74,7 @@ def read_gvx(
 
     Args:
         path: the file.
+        fixed: names of marks that are held at their coordinates, in a text separated by commas.
         correlations: "vectors": leave out the correlations between vectors.
         ellipsoid: name of the ellipsoid for the normals of the frame.
 
@@ -88,6 +93,7 @@ def read_gvx(
     vectors = _vectors(file, marks)
     if not vectors:
         file.wrong(0, "has no <GNSS_VECTOR>")
+    _hold(file, network, name_list(fixed))
     groups = _sessions(file, vectors) if correlations == "sessions" else []
     file.raise_all()
     grouped = {v for group, _ in groups for v in group}
@@ -101,6 +107,17 @@ def read_gvx(
             file.attempt(vectors[ids[0]].line, network.add, joint)
     file.raise_all()
     return network
+
+
+def _hold(file: XmlSource, network: Network, names: Iterable[str]) -> None:
+    """Hold marks at their coordinates."""
+    for name in names:
+        if name in network.points:
+            network.points[name] = replace(network.points[name], fixed=(True, True, True))
+            network.datum = "given"
+        else:
+            what = f"fixed: there is no mark {name!r}; known: {known(network.points, meant=name)}"
+            file.wrong(file.root.line, what)
 
 
 def _descendant(element: Element, tag: str) -> Element | None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from types import ModuleType
 
 from ...errors import InputError, Problem, known
+from ..format_options import option_text
 
 WORKBOOK_SUFFIXES = (".xlsx", ".xlsm")
 
@@ -56,7 +57,7 @@ def sheet_rows(path: Path, sheet: str | None = None) -> list[tuple[int, list[str
         what = f"cannot be read as a workbook of Excel: {type(error).__name__}"
         raise InputError(Problem(what, path.name)) from None
     if rows is None and sheet is None:
-        what = f"has {len(names)} sheets: state sheet=NAME (--set sheet=NAME): {known(names)}"
+        what = f"has {len(names)} sheets, {known(names)}; state {option_text('sheet', 'NAME')}"
         raise InputError(Problem(what, path.name))
     if rows is None:
         what = f"has no sheet {sheet!r}; valid: {known(names, meant=sheet or '')}"

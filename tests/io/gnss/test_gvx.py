@@ -125,3 +125,12 @@ def test_what_gvx_cannot_express_is_refused_all_at_once(tmp_path: Path) -> None:
     for part in ("held or weighted marks", "no slope distance", "no instrument_height"):
         assert part in str(caught.value)
     assert not list(tmp_path.iterdir())
+
+
+def test_marks_that_are_named_are_held(written: Path) -> None:
+    found = fga.read(written, fixed="A,B")
+    assert [p.name for p in found.points.values() if p.held == "xyz"] == ["A", "B"]
+    assert found.datum == "given"
+    assert fga.adjust(found).redundancy == 6  # three vectors, one free mark
+    with pytest.raises(fga.InputError, match=r"n\.gvx:\d+: fixed: there is no mark 'D'; known: A"):
+        fga.read(written, fixed=["D"])
