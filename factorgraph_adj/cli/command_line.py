@@ -46,7 +46,7 @@ COMMAND_MODULES = {
     "check": ("network_files", "add_check", "find every problem of the input"),
     "convert": ("network_files", "add_convert", "read a network in one format, write another"),
     "join": ("network_files", "add_join", "read several files of one object, write one network"),
-    "map": ("table_mapping", "add_map", "print a mapping of the columns of a table, to correct"),
+    "map": ("column_map", "add_map", "print a mapping of the columns of a table, to correct"),
     "formats": ("formats", "add_formats", "list the formats that are read and written"),
     "compare": ("comparison", "add_compare", "adjust two epochs and tell what moved"),
 }

@@ -32,7 +32,7 @@ from .column_map import (
     MappedSection,
     column_map,
 )
-from .guessed_mapping import guessed_mapping
+from .proposed_column_map import guessed_mapping
 from .workbook import is_workbook, sheet_rows
 
 MAX_CELL = 500

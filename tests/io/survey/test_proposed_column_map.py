@@ -10,8 +10,8 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.io.survey.guessed_mapping import guessed_mapping
 from factorgraph_adj.io.survey.header_words import HEADER_WORDS, header_unit, header_word, meanings
+from factorgraph_adj.io.survey.proposed_column_map import guessed_mapping
 from factorgraph_adj.units import FOOT, GON
 
 openpyxl = pytest.importorskip("openpyxl")

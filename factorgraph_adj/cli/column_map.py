@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from ..control_characters import escaped
-from ..io.survey.guessed_mapping import guessed_mapping
+from ..io.survey.proposed_column_map import guessed_mapping
 from .messages import EXIT_BAD_INPUT, EXIT_FINE
 
 
