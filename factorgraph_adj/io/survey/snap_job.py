@@ -17,6 +17,7 @@ from .snap_parameters import DEFAULT_REFRACTION, JobParameters
 from .snap_readings import SnapSet, read_data_file
 from .snap_recoding import Recodings
 from .snap_selections import JobLine, ObservationTest, observation_test
+from .snap_sinex import SinexOptions, read_sinex_set
 
 Mode: TypeAlias = Literal["adjustment", "data_check", "free", "design"]
 MODES: dict[str, Mode] = {
@@ -312,6 +313,8 @@ class _JobReader:
     def _data(self, at: JobLine) -> None:
         path = self._file(at, ".dat", "data file")
         words = list(at.words[1:])
+        sinex = SinexOptions() if words and words[0].lower() == "sinex" else None
+        words = words[1:] if sinex is not None else words
         factor, own = 1.0, None
         while words:
             word = words.pop(0)
@@ -322,15 +325,19 @@ class _JobReader:
             elif low == "recode" and words:
                 own = Recodings()
                 own.read_file(at, words.pop(0))
-            else:
+            elif sinex is None or not sinex.take(at, word):
                 at.wrong(
                     f"data_file as {word[:40]!r} is not read; valid: the observation file of SNAP "
-                    "(.dat), error_factor, recode"
+                    "(.dat), or sinex, code=, ref_frame=, date=; error_factor, recode"
                 )
                 return
-        if path is not None and not is_unread(factor):
-            sets = tuple(read_data_file(path, self.problems))
-            self.job.files.append(DataFile(at.words[0], sets, factor, own))
+        if path is None or is_unread(factor):
+            return
+        if sinex is None:
+            sets = read_data_file(path, self.problems)
+        else:
+            sets = read_sinex_set(at, path, sinex)
+        self.job.files.append(DataFile(at.words[0], tuple(sets), factor, own))
 
     def _include(self, at: JobLine) -> None:
         path = self._file(at, ".inc", "included file")

@@ -16,6 +16,7 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.ellipsoid import ellipsoid
+from factorgraph_adj.frames import GeocentricFrame
 from factorgraph_adj.io.survey.snap import HELD_SIGMA_M, is_snap_job, read_snap
 from factorgraph_adj.io.survey.snap_lines import parsed_date
 from factorgraph_adj.io.survey.snap_recoding import Recoding, Recodings
@@ -546,6 +547,35 @@ def test_heights_of_antennas_are_added_by_criteria(tmp_path: Path) -> None:
     assert heights == {"2": (0.25, 0.25), "3": (0.0, 0.0)}
 
 
+def test_a_solution_in_sinex_is_a_set_of_positions(tmp_path: Path) -> None:
+    """Coordinates and covariance are those of the solution that was written, codes with points."""
+    network = fga.Network("solution", frame=GeocentricFrame("International1924"))
+    given = fga.read(job(tmp_path, "fix all\n")).points
+    for name in "12":
+        network.add_point(f"STA{name}", given[name].coordinates)
+        position = tuple(given[name].coordinates)
+        network.add(fga.GnssPosition(f"STA{name}", position, sigma=(0.01, 0.02, 0.03)))
+    step = np.subtract(given["2"].coordinates, given["1"].coordinates)
+    network.add(fga.GnssVector("STA1", "STA2", tuple(step.tolist()), sigma=(0.001, 0.002, 0.003)))
+    solution = fga.adjust(network)
+    fga.write_sinex(solution, tmp_path / "solution.snx")
+    codes = SITE.replace("\n1 41", "\nSTA1_A 41").replace("\n2 41", "\nSTA2 41")
+    command = "data_file solution.snx sinex ref_frame=X error_factor 2\nfix all\nrecode {}\n"
+    for option, first in (("", "STA1 to STA1_A"), (" code=POINT", "STA2_A to STA2")):
+        text = command.format(first).replace("sinex", f"sinex{option}")
+        read = fga.read(job(tmp_path, text, codes, "Nothing\n"))
+        ((members, covariance),) = read.clusters
+        assert [read.observations[m].point for m in members] == ["STA1_A", "STA2"]
+        cross = solution.covariance("STA1", "STA2")
+        assert covariance[:3, 3:] == pytest.approx(4.0 * cross, rel=1e-9)
+        assert read.observations[members[0]].value == pytest.approx(given["1"].coordinates)
+    with pytest.raises(fga.InputError, match="station 'STA2_A' is not in the coordinate file"):
+        fga.read(job(tmp_path, text.replace("recode STA2_A", "recode STA9"), codes, "Nothing\n"))
+    dated = command.format("STA1 to * before 1990-01-01").replace("sinex", "sinex date=1980-01-01")
+    (only,) = observed(fga.read(job(tmp_path, dated, codes, "Nothing\n")), "gnss_position")
+    assert only.point == "STA2"
+
+
 def test_a_recoded_station_is_a_new_one_at_the_same_place(tmp_path: Path) -> None:
     network = fga.read(job(tmp_path, "fix all\nrecode suffix _B after 2008-01-01 for 3\n"))
     assert network.points["3_B"].coordinates == network.points["3"].coordinates
@@ -680,6 +710,8 @@ def test_ranges_of_codes_go_by_their_numbers(
         ("geoid nzgeoid09", "the geoid nzgeoid09 is a grid of SNAP that is not read"),
         ("include none.inc", "site.snp:3: the included file 'none.inc' is not there"),
         ("data_file readings.dat csv", "data_file as 'csv' is not read"),
+        ("data_file readings.dat sinex", "is not SINEX: the first line must begin with %=SNX"),
+        ("data_file readings.dat sinex code=X", "site.snp:3: code 'X' is unknown"),
         ("refraction_coefficient X", "site.snp:3: 'X' is not read; valid: use CLASS"),
         ("reference_frame X size 3", "word of reference_frame 'size' is unknown"),
         ("reference_frame WGS rotation 0 ? 0 0", "a rotation of which some components are known"),
