@@ -35,7 +35,10 @@ def apply_inline_option(values: StarNetValues, line: int, words: list[str]) -> s
     """
     name, every = words[0][1:].upper(), (*APPLIED_OPTIONS, *PRINTING_OPTIONS, *REFUSED_OPTIONS)
     found = [o for o in every if o == name] or [o for o in every if name and o.startswith(name)]
-    if len(found) != 1:
+    if len(found) > 1:
+        values.source.wrong(line, f"inline option {words[0]!r} could be {' or '.join(found)}")
+        return None
+    if not found:
         valid = known((*APPLIED_OPTIONS, *PRINTING_OPTIONS), meant=name, most=40)
         values.source.wrong(line, f"inline option {words[0]!r} is unknown; valid: {valid}")
         return None

@@ -379,6 +379,8 @@ def test_settings_may_stand_in_a_toml_file(tmp_path):
         ("D 1-2", "this line has no values: they are readings to come"),
         ("D 1-2\nDV 1-2 &&", "2 lines from here have no values"),
         (".NONSENSE", "inline option '.NONSENSE' is unknown"),
+        (".IN other", "inline option '.IN' could be INSTRUMENT or INCLUDE"),
+        (".LWEIGHT 1 2", "the option takes one word, not '1 2'"),
         ("D 1-1 10", "joins a point to itself"),
         ("D 1 2 10", "D begins with 2 names"),
         ("A 1-2-3 102-75-00", "has 60 or more minutes"),
