@@ -46,7 +46,8 @@ def read_jobxml(
     Read are ``StationRecord`` (name, height of the instrument), ``TargetRecord`` (height, prism
     constant), ``AtmosphereRecord`` (ppm, where it is to be applied) and the circles of each
     ``PointRecord`` that is not deleted. A raw distance D becomes D (1 + ppm) + prism constant.
-    Coordinates of a ``PointRecord`` (``Grid``) and of ``Reductions`` are approximate ones, held
+    Coordinates of a ``PointRecord`` (``Grid``) and of points of ``Reductions`` (with or without
+    ``Grid``) are approximate ones, held
     where ``fixed`` names the point. Standard errors of the file count (of a set their root mean
     square) unless ``accuracies`` states others. Refraction and curvature that the instrument has
     applied do not concern raw readings.
@@ -93,8 +94,12 @@ class _Reader:
                 continue
             self._point(record)
         reductions = element_at(root, "Reductions")
-        for point in () if reductions is None else reductions.all("Point"):
-            self._coordinates(point, text_at(point, "Name"), "Grid")
+        for point in () if reductions is None else reductions.children:
+            if point.tag in ("Point", "PointRecord"):
+                grid = ("Grid",) if element_at(point, "Grid") is not None else ()
+                self._coordinates(point, text_at(point, "Name"), *grid)
+                if not text_at(point, *grid, "North") and text_at(point, "Latitude"):
+                    self.source.leave_out(point.line, GNSS_POINTS, text_at(point, "Name"))
 
     def _record(self, of: Element, tag: str, reference: str) -> Element | None:
         """Return the record that another one refers to; a missing one is a problem."""
@@ -107,8 +112,8 @@ class _Reader:
             self.source.wrong(of.line, f"there is no {tag} {ident!r}; known: {names}")
         return found
 
-    def _coordinates(self, record: Element, name: str, tag: str) -> None:
-        fields = [self.source.inside(record, tag, a) for a in ("East", "North", "Elevation")]
+    def _coordinates(self, record: Element, name: str, *tags: str) -> None:
+        fields = [self.source.inside(record, *tags, a) for a in ("East", "North", "Elevation")]
         values = [f.number(default=math.nan) for f in fields]
         if name and not all(f.is_absent for f in fields):
             self.book.point(record.line, name, *values, agree=False)

@@ -16,6 +16,7 @@ from typing import Any, Literal
 from ...errors import InputError, Problem
 from ...network.network import Network
 from ...units import FOOT, GON, US_SURVEY_FOOT
+from ..format_options import option_text
 from ..format_reader import NetworkReader, Reader, begins_with
 from ..numbers import PACKED_DEGREES
 from ..source import ROWS_SWITCHED_OFF, TextSource
@@ -75,7 +76,9 @@ def read_nikon_dtm300(
     stated first count. Lines with another state than 1 are deleted, and are left out. Directions
     have no face: a zenith reading above 180° is one in face 2.
 
-    Tried on one file of two set-ups, which measure each other.
+    Tried on one file of two set-ups, which measure each other: with the second hyphen as a
+    separator the height differences of its stations agree to 5 mm, as a minus they contradict each
+    other by 2.9 m.
 
     Args:
         path: the file.
@@ -146,8 +149,8 @@ def _point(
     name, hyphens, text = station.groups()
     height = book.source.field(line, text, "height of the instrument").number_or_none()
     if hyphens == "--" and double_hyphen is None:
-        what = f"the height of the instrument is {text} or −{text}: state double_hyphen, separator "
-        book.source.wrong(line, f"{what}or minus")
+        what = f"the height of the instrument is {text} or −{text}: give "
+        book.source.wrong(line, what + option_text("double_hyphen", "separator") + " or minus")
     if height is not None:
         height *= -scales.length if hyphens == "--" and double_hyphen == "minus" else scales.length
     book.point(line, name, east, north, values["up"], agree=False)

@@ -16,6 +16,7 @@ from typing import Any
 from ...errors import known
 from ...network.network import Network
 from ...units import ANGLE, FOOT, GON, US_SURVEY_FOOT
+from ..format_options import option_text
 from ..format_reader import NetworkReader, Reader, begins_with
 from ..numbers import PACKED_DEGREES
 from ..source import ROWS_SWITCHED_OFF, Field, LeftOutReason, TextSource
@@ -221,8 +222,10 @@ class _Reader:
             several = len(self.nameless) > 1
             said = f"set-ups begin in the lines {lines}" if several else "one set-up begins here"
             if len(self.stations) != len(self.nameless):
-                what = f"{said}, without a station (ST): state station, "
-                what += f"{len(self.nameless)} names in their order" if several else "its name"
+                n = len(self.nameless)
+                example = ",".join(f"S{i}" for i in range(1, n + 1))
+                what = f"{said}, without a station (ST): give {option_text('station', example)}, "
+                what += f"{n} names in their order" if several else "its name"
                 what += f", not {known(self.stations)}" if self.stations else ""
                 self.source.wrong(self.nameless[0], what)
         elif self.stations:

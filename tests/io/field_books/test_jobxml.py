@@ -52,3 +52,14 @@ def test_a_sight_without_a_station_is_left_out_and_one_of_another_is_refused(tmp
     assert left_out(read(tmp_path, text))[0][2] == ("A",)
     with pytest.raises(InputError, match="there is no StationRecord 's2'; known: s1"):
         read(tmp_path, jobxml().replace("<StationID>s1", "<StationID>s2", 1))
+
+
+@pytest.mark.parametrize("tag", ["Point", "PointRecord"])
+def test_points_of_the_reductions_may_lack_the_element_grid(tmp_path, tag):
+    numbers = "<North>7</North><East>8</East><Elevation>9</Elevation>"
+    for grid in (numbers, f"<Grid>{numbers}</Grid>"):
+        row = f"<Reductions><{tag} ID='r'><Name>R</Name>{grid}</{tag}></Reductions></JOBFile>"
+        network = read(tmp_path, jobxml().replace("</JOBFile>", row))
+        assert network.points["R"].coordinates == (8.0, 7.0, 9.0)
+    row = f"<Reductions><{tag}><Name>R</Name><Latitude>4</Latitude></{tag}></Reductions></JOBFile>"
+    assert left_out(read(tmp_path, jobxml().replace("</JOBFile>", row)))[0][2] == ("R",)

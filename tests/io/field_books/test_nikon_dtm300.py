@@ -49,8 +49,8 @@ def test_a_second_hyphen_is_a_minus_or_none_as_stated(tmp_path):
     with pytest.raises(InputError) as error:
         read(tmp_path, text)
     assert str(error.value) == (
-        "book.nik:1: the height of the instrument is 1.455 or −1.455: state double_hyphen, "
-        "separator or minus"
+        "book.nik:1: the height of the instrument is 1.455 or −1.455: give "
+        "double_hyphen=separator (--set double_hyphen=separator) or minus"
     )
     for said, height in (("separator", 1.455), ("minus", -1.455)):
         network = read(tmp_path, text, double_hyphen=said)

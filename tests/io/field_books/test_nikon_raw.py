@@ -148,8 +148,8 @@ def test_an_instrument_without_stations_needs_their_names(tmp_path):
     with pytest.raises(InputError) as error:
         read(tmp_path, text)
     assert str(error.value) == (
-        "book.raw:13: set-ups begin in the lines 13, 16, 18, without a station (ST): state "
-        "station, 3 names in their order"
+        "book.raw:13: set-ups begin in the lines 13, 16, 18, without a station (ST): give "
+        "station=S1,S2,S3 (--set station=S1,S2,S3), 3 names in their order"
     )
     with pytest.raises(InputError, match="3 names in their order, not P"):
         read(tmp_path, text, station="P")
