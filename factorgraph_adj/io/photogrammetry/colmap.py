@@ -11,6 +11,7 @@ import numpy as np
 
 from ...entities import Point
 from ...errors import InputError, LeftOut, Problem, known
+from ...frames import TopocentricFrame
 from ...models.similarity import Similarity
 from ...network.network import Network
 from ...observations.positions import PhotoPosition
@@ -18,6 +19,7 @@ from ...rotation import TURN_ABOUT_X, log_rotation
 from ...start.image_axes import problems_of_marks
 from ...types import Array
 from ..format_reader import NetworkReader, Reader
+from ..source import Problems
 from .colmap_binary_files import read_binary_model
 from .colmap_cameras import CAMERA_MODEL_BY_NAME
 from .colmap_model import (
@@ -41,6 +43,7 @@ from .colmap_reference import (
     similarity_of_points,
 )
 from .colmap_text_files import read_text_model
+from .ground_control import read_block_reference
 
 CalibrationChoice = Literal["colmap", "all", "held"]
 """Which parameters of the cameras are unknown."""
@@ -104,6 +107,12 @@ def read_colmap(
     mounts: MountChoice = "free",
     repeated: RepeatedChoice = "refuse",
     unregistered: UnregisteredChoice = "refuse",
+    gcp: str | Path | None = None,
+    positions: str | Path | None = None,
+    sigma_gcp: tuple[float, float] = (0.01, 0.1),
+    sigma_gcp_px: float = 1.0,
+    sigma_positions: tuple[float, float] | None = None,
+    positions_system: str | None = None,
 ) -> Network:
     """Read a sparse model of COLMAP, text or binary, as a network.
 
@@ -139,6 +148,15 @@ def read_colmap(
             measurement at most is right: refuse the file, or leave all of them out.
         unregistered: what to do with rows of ``marks`` and ``priors`` whose image is not in the
             model.
+        gcp: list of ground control of ODM or OpenSfM in a reference system, in place of ``control``
+            and ``marks``; the network gets a topocentric frame in the middle of the lists.
+        positions: list of positions of photos, in place of ``priors``: geo.txt of ODM, or a table
+            of Metashape, Pix4D or ``exiftool -csv``, see `io.photogrammetry.coordinate_lists`.
+            Angles in it are not read; images that the model does not have are left out.
+        sigma_gcp: standard deviations of ``gcp``, horizontal and vertical, metres.
+        sigma_gcp_px: standard deviation of its image coordinates, pixels.
+        sigma_positions: those of ``positions`` without accuracies, horizontal and vertical, metres.
+        positions_system: reference system of a table of positions that states none.
 
     Raises:
         InputError: files are missing or damaged, contradict one another, have camera models
@@ -152,6 +170,10 @@ def read_colmap(
     )
     if not (isinstance(sigma, int | float) and 0 < sigma < np.inf):
         raise InputError(f"sigma must be greater than zero, pixels, not {sigma!r}")
+    by_list = gcp is not None or positions is not None
+    if by_list and any(table is not None for table in (control, marks, priors)):
+        what = "lists (gcp, positions) and tables (control, marks, priors) exclude each other"
+        raise InputError(Problem(what, "colmap"))
     folder = Path(path)
     if folder.is_file() and is_colmap(folder):
         folder = folder.parent
@@ -161,8 +183,25 @@ def read_colmap(
     if sigma_by_scale is not None:
         wanted = {i.name: len(i.points) for i in model.images if (i.points != NO_POINT).any()}
         by_scale = keypoint_scales(Path(sigma_by_scale), wanted)
+    problems, reference = Problems(), None
+    if by_list:
+        reference = read_block_reference(
+            gcp,
+            positions,
+            [i.name for i in model.images],
+            problems,
+            sigma_gcp=sigma_gcp,
+            sigma_gcp_px=sigma_gcp_px,
+            sigma_positions=sigma_positions,
+            positions_system=positions_system,
+        )
+        tables = ModelTables(reference.control, reference.marks, reference.priors)
     made = _Assembly(model, tables, float(sigma), by_scale, calibration, mounts, repeated)
-    return made.network(folder.name)
+    network = made.network(folder.name, None if reference is None else reference.frame)
+    if reference is not None:
+        network.add(*reference.observations)
+    problems.finish(network)
+    return network
 
 
 def _check_choices(**given: tuple[str, object]) -> None:
@@ -189,12 +228,12 @@ class _Assembly:
     mounts: MountChoice
     repeated: RepeatedChoice
 
-    def network(self, name: str) -> Network:
+    def network(self, name: str, frame: TopocentricFrame | None = None) -> Network:
         """Return the network."""
         model, tables = self.model, self.tables
         free = not tables.control and not tables.priors
         moved = IDENTITY_SIMILARITY if free else self._similarity()
-        network = Network(datum="free" if free else "given")
+        network = Network(datum="free" if free else "given", frame=frame)
         number_of = {p.number: i for i, p in enumerate(model.points)}
         xyz = np.array([p.xyz for p in model.points]).reshape(-1, 3)
         network.add_points([str(p.number) for p in model.points], moved.of(xyz))

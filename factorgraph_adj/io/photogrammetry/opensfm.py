@@ -8,8 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from ...crs.reference_system import ReferenceSystem
-from ...errors import InputError, Problem
+from ...errors import InputError
 from ...frames import Frame, LocalFrame, TopocentricFrame
 from ...network.network import Network
 from ...observations import ControlPoint, PhotoPosition
@@ -28,9 +27,10 @@ from .block_source import (
     add_pixel_camera,
     filled_lines,
 )
+from .coordinate_lists import list_system, read_positions
+from .ground_control import add_ground, listed_priors
 from .opensfm_elements import (
     GroundControlList,
-    GroundControlPoint,
     SfmCamera,
     read_gcp_list,
     read_opensfm_camera,
@@ -44,8 +44,6 @@ OTHER_RECONSTRUCTION = LeftOutReason(
     "reconstructions", "one is read at a time: reconstruction=… chooses"
 )
 MARKS_ELSEWHERE = LeftOutReason("marks of known points", "another reconstruction has their photos")
-MAX_CONTROL_DISTANCE_M = 100e3
-"""Largest level distance of ground control from the origin of a reconstruction, metres."""
 
 
 def read_opensfm(
@@ -59,6 +57,9 @@ def read_opensfm(
     sigma_gcp: tuple[float, float] = (0.01, 0.1),
     gps: Literal["leave out", "observe"] = "leave out",
     calibration: Literal["optimised", "held"] = "optimised",
+    positions: str | Path | None = None,
+    sigma_positions: tuple[float, float] | None = None,
+    positions_system: str | None = None,
 ) -> Network:
     """Read a reconstruction of OpenSfM or ODM with its tracks and ground control.
 
@@ -86,6 +87,11 @@ def read_opensfm(
         gps: whether the GPS positions of photos are observed, with their gps_dop as σ in metres
             in plan and twice that in height.
         calibration: whether the parameters that OpenSfM estimates are unknown.
+        positions: list of observed positions of photos, in place of ``gps``: geo.txt of ODM, or a
+            table, see `io.photogrammetry.coordinate_lists`.
+        sigma_positions: standard deviations of positions without accuracies, horizontal and
+            vertical, metres.
+        positions_system: reference system of a table of positions that states none.
 
     Raises:
         InputError: a file is missing or has problems, each with file and line.
@@ -118,6 +124,18 @@ def read_opensfm(
             ground = read_gcp_list(listed, problems)
             _control(network, ground, images, problems, cameras, sigma_gcp_px, sigma_gcp, elsewhere)
             break
+    if positions is not None:
+        if gps == "observe":
+            raise InputError("positions and gps='observe' exclude each other")
+        listed = read_positions(Path(positions), problems, system=positions_system)
+        if isinstance(network.frame, TopocentricFrame):
+            found = listed_priors(listed, network.frame, network.photos, problems, sigma_positions)
+            network.add(
+                *(PhotoPosition(p.photo, p.xyz, sigma=p.sigma, source=p.where) for p in found)
+            )
+        else:
+            what = "positions need reference_lla.json, the origin of the reconstruction"
+            problems.wrong(what, Path(positions).name)
     _without_rays(network, images)
     images.into(network)
     problems.finish(network)
@@ -316,13 +334,13 @@ def _control(
         problems.wrong(what, ground.where)
         return
     try:
-        grid = _grid(ground.system)
+        system = list_system(ground.system)
     except InputError as error:
         problems.extend([p.at(ground.where) for p in error.problems])
         return
     for point in ground.points:
         with problems.collect(point.where):
-            _add_ground(network, frame, grid, point, sigma)
+            add_ground(network, frame, system, point, sigma)
             for photo, x, y, normalised, where in point.marks:
                 if photo not in network.photos:
                     why = MARKS_ELSEWHERE if photo in elsewhere else MARKS_WITHOUT_PHOTO
@@ -331,78 +349,6 @@ def _control(
                 camera = cameras[network.photos[photo].camera]
                 xy = camera.pixel(x, y) if normalised else (x + 0.5, -y - 0.5)
                 images.add(photo, point.name, xy, (sigma_px,), where)
-
-
-def _grid(system: str) -> ReferenceSystem | None:
-    """Return the reference system of a list of ground control; None for WGS84.
-
-    Raises:
-        InputError: the system is unknown, or pyproj is missing.
-    """
-    words = system.upper().split()
-    if words in (["WGS84"], ["EPSG:4326"]):
-        return None
-    if words[:2] == ["WGS84", "UTM"] and len(words) == 3:
-        zone, south = words[2].rstrip("NS"), words[2].endswith("S")
-        if zone.isascii() and zone.isdigit() and 1 <= int(zone[:3]) <= 60:
-            code = (32700 if south else 32600) + int(zone)
-            return ReferenceSystem(f"EPSG:{code}", heights="ellipsoidal").checked()
-    if not (words and (words[0].startswith("EPSG:") or "+PROJ" in words[0])):
-        what = f"unknown reference system {system!r}; valid: WGS84, WGS84 UTM 32N, EPSG:…, +proj=…"
-        raise InputError(Problem(what))
-    return ReferenceSystem(system, heights="ellipsoidal").checked()
-
-
-def _place_in_frame(
-    frame: TopocentricFrame, grid: ReferenceSystem | None, xyz: tuple[float, float, float]
-) -> Array:
-    """Return the place (3,) in the frame of longitude, latitude, height or easting, northing."""
-    at = np.array([xyz])
-    if grid is not None:
-        return np.asarray(grid.to_frame(frame, at)[0])
-    if not (abs(xyz[1]) <= 90 and abs(xyz[0]) <= 360):
-        raise InputError(Problem(f"latitude {xyz[1]:g}°, longitude {xyz[0]:g}° are none"))
-    ellipsoid = frame.geocentric.ellipsoid
-    latitude, longitude = np.deg2rad(at[:, 1]), np.deg2rad(at[:, 0])
-    there = frame.from_geocentric(ellipsoid.to_cartesian(latitude, longitude, at[:, 2]))
-    return np.asarray(there[0])
-
-
-def _add_ground(
-    network: Network,
-    frame: TopocentricFrame,
-    grid: ReferenceSystem | None,
-    point: GroundControlPoint,
-    sigma: tuple[float, float],
-) -> None:
-    """Add a ground control point or check point; a height of NaN is unknown."""
-    if point.xyz is None:
-        network.add_point(point.name)
-        return
-    x, y, height = point.xyz
-    known = not np.isnan(height)
-    at = tuple(_place_in_frame(frame, grid, (x, y, height if known else frame.height)).tolist())
-    if np.hypot(at[0], at[1]) > MAX_CONTROL_DISTANCE_M:
-        away = np.linalg.norm(at) / 1e3
-        origin = f"{np.rad2deg(frame.latitude):g}°, {np.rad2deg(frame.longitude):g}°"
-        what = f"lies {away:.0f} km from latitude, longitude {origin} of reference_lla"
-        need = "longitude or easting comes first, and the first line of the list names the zone"
-        raise InputError(
-            Problem(f"{what}; valid: up to {MAX_CONTROL_DISTANCE_M / 1e3:.0f} km; {need}")
-        )
-    if point.check:
-        network.add_point(point.name, check=at if known else (*at[:2], np.nan))
-        return
-    network.add_point(point.name, at)
-    enu = frame.basis(np.array([at]), np.zeros((1, 2))).enu[0]
-    if known:
-        covariance = enu.T @ np.diag(np.square([sigma[0], sigma[0], sigma[1]])) @ enu
-        covariance = 0.5 * (covariance + covariance.T)
-        o = ControlPoint(point.name, at, covariance=covariance, source=point.where)
-    else:
-        plan = (sigma[0], sigma[0])
-        o = ControlPoint(point.name, at, axes="en", sigma=plan, source=point.where)
-    network.add(o)
 
 
 READER = Reader(

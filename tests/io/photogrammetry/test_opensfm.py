@@ -129,6 +129,21 @@ def test_a_reconstruction_with_ground_control_is_adjusted(folder: Path) -> None:
     assert solution.point("CHK-4") == pytest.approx(POINTS[4] + 0.5, abs=0.05)
 
 
+def test_positions_of_a_list_are_observed(folder: Path) -> None:
+    rows = [
+        f"{i}.jpg " + " ".join(map(repr, at)) for i, at in enumerate(geographic(CENTRES).tolist())
+    ]
+    (folder / "geo.txt").write_text("\n".join(["EPSG:4326", *rows]) + "\n")
+    (folder / "gcp_list.txt").unlink()
+    path = folder / "reconstruction.json"
+    network = fga.read(path, positions=folder / "geo.txt", sigma_positions=(0.02, 0.04))
+    observed = list(network.observations.values())
+    assert np.array([o.value for o in observed]) == pytest.approx(CENTRES, abs=1e-6)
+    assert {o.sigma for o in observed} == {(0.02, 0.02, 0.04)}
+    with pytest.raises(InputError, match="exclude each other"):
+        fga.read(path, positions=folder / "geo.txt", gps="observe")
+
+
 def test_parameters_that_opensfm_estimates_are_unknown(folder: Path) -> None:
     camera = fga.read(folder / "reconstruction.json").cameras["cam"]
     free = {n for n, held in zip(camera.lens.names, camera.fixed, strict=True) if not held}

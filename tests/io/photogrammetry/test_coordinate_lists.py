@@ -1,0 +1,184 @@
+"""Lists of ground control and of positions beside a model: a block of known truth, wrong lists."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import factorgraph_adj as fga
+from factorgraph_adj.errors import InputError
+from factorgraph_adj.io.photogrammetry.coordinate_lists import (
+    ListSystem,
+    list_system,
+    read_positions,
+)
+from factorgraph_adj.io.source import Problems
+
+PLACE = fga.TopocentricFrame(np.deg2rad(52.5), np.deg2rad(13.4), 40.0, "WGS84")
+CENTRES = np.array([(0.0, 0, 60), (12.0, 1, 61), (2.0, 14, 59), (13.0, 12, 62)])
+TURNS = np.array([(3.1, 0.1, 0.05), (3.0, 0.3, -0.1), (0.1, 3.1, 0.2), (2.9, -0.4, 0.1)])
+POINTS = np.array([(x, y, 0.05 * x * y - 1) for x in (-9.0, 5, 20) for y in (-8.0, 6, 18)])
+TURN, SCALE, SHIFT = Rotation.from_rotvec([0.4, -0.2, 0.9]), 0.13, np.array([2.0, -1.0, 5.0])
+F, X0, Y0 = 3400.0, 2000.0, 1500.0
+
+
+def pixels(i: int, points: np.ndarray) -> np.ndarray:
+    """Return columns and rows from the upper left corner."""
+    q = Rotation.from_rotvec(TURNS[i]).apply(points - CENTRES[i])
+    return F * q[:, :2] / q[:, 2:] + [X0, Y0]
+
+
+def geographic(points: np.ndarray) -> np.ndarray:
+    latitude, longitude, height = PLACE.geodetic(points)
+    return np.stack([np.rad2deg(longitude), np.rad2deg(latitude), height], 1)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A model of COLMAP in coordinates of its own, with a list of ground control and geo.txt."""
+    rng = np.random.default_rng(5)
+    images, tracks = [], {j: [] for j in range(len(POINTS))}
+    ground, geo = ["EPSG:4326", "# comment"], ["EPSG:4326"]
+    for i in range(4):
+        seen = pixels(i, POINTS) + rng.normal(0, 0.3, (len(POINTS), 2))
+        rotation = Rotation.from_rotvec(TURNS[i]) * TURN.inv()
+        x, y, z, w = rotation.as_quat()
+        t = -rotation.apply(SCALE * TURN.apply(CENTRES[i]) + SHIFT)
+        pose = " ".join(repr(float(v)) for v in (w, x, y, z, *t))
+        images.append(f"{i + 1} {pose} 1 flight/{i}.jpg")
+        images.append(" ".join(f"{u!r} {v!r} {j}" for j, (u, v) in enumerate(seen.tolist())))
+        for j in tracks:
+            tracks[j] += [i + 1, j]
+        lon, lat, h = geographic(CENTRES[i : i + 1] + rng.normal(0, 0.02, (1, 3)))[0].tolist()
+        geo.append(f"{i}.jpg {lon!r} {lat!r} {h!r} 10 0 0 0.02 0.03")
+        for k, at in enumerate(geographic(POINTS[:5] + 0.5).tolist()):
+            u, v = (pixels(i, POINTS[k : k + 1] + 0.5)[0] - 0.5).tolist()
+            place = " ".join(map(repr, at))
+            ground.append(f"{place} {u!r} {v!r} {i}.jpg {'CHK-4' if k == 4 else f'G{k}'}")
+    ground.append("13.4 52.5 40 10 20 other.jpg G0")
+    model = tmp_path / "sparse"
+    model.mkdir()
+    (model / "cameras.txt").write_text(f"1 SIMPLE_PINHOLE 4000 3000 {F} {X0} {Y0}\n")
+    (model / "images.txt").write_text("\n".join(images) + "\n")
+    places = SCALE * TURN.apply(POINTS) + SHIFT
+    rows = [" ".join(map(str, [j, *places[j].tolist(), 1, 2, 3, 0.1, *tracks[j]])) for j in tracks]
+    (model / "points3D.txt").write_text("\n".join(rows) + "\n")
+    (tmp_path / "gcp_list.txt").write_text("\n".join(ground[:-1]) + "\n")
+    (tmp_path / "geo.txt").write_text("\n".join(geo) + "\nother.jpg 13.4 52.5 100\n")
+    return tmp_path
+
+
+def at_true_place(network: fga.Network, points: np.ndarray) -> np.ndarray:
+    """Return places of the truth in the frame of the network."""
+    frame = network.frame
+    assert isinstance(frame, fga.TopocentricFrame)
+    return np.array([ListSystem().place(frame, tuple(g)) for g in geographic(points).tolist()])
+
+
+def test_ground_control_places_a_model_of_colmap(folder: Path) -> None:
+    """Noise of 0.3 px at 60 m and f = 3400 is 5 mm on the ground."""
+    network = fga.read(folder / "sparse", gcp=folder / "gcp_list.txt")
+    assert len([o for o in network.observations.values() if o.kind == "control"]) == 4
+    solution = fga.adjust(network)
+    assert solution.datum_defect == 0
+    expected = at_true_place(network, POINTS + 0.5)
+    assert solution.point("CHK-4") == pytest.approx(expected[4], abs=0.03)
+    others = at_true_place(network, POINTS)
+    off = [solution.point(str(j)) - others[j] for j in range(9)]
+    assert np.abs(off).max() < 0.1
+    assert solution.network.points["CHK-4"].check == pytest.approx(expected[4], abs=1e-6)
+
+
+def test_positions_place_a_model_of_colmap(folder: Path) -> None:
+    network = fga.read(folder / "sparse", positions=folder / "geo.txt")
+    observed = [o for o in network.observations.values() if o.kind == "photo_position"]
+    assert [o.sigma for o in observed] == [(0.02, 0.02, 0.03)] * 4
+    lost = {r.what: r.count for r in network.left_out}
+    assert lost["positions"] == 1
+    assert lost["yaw, pitch and roll of photos"] == 4
+    solution = fga.adjust(network)
+    off = [solution.pose(f"flight/{i}.jpg").position for i in range(4)]
+    assert off == pytest.approx(at_true_place(network, CENTRES), abs=0.1)
+
+
+def test_tables_of_other_programs_have_the_same_positions(folder: Path, tmp_path: Path) -> None:
+    """Metashape, Pix4D with its header, and exiftool with degrees in words."""
+    rows = geographic(CENTRES).tolist()
+    metashape = '# CoordinateSystem: GEOGCS["WGS 84",DATUM["World Geodetic System 1984"]]\n'
+    metashape += "#Label,X/Longitude,Y/Latitude,Z/Altitude,Yaw,Pitch,Roll,Accuracy_(m)\n"
+    pix4d = "imagename;latitude;longitude;altitude;accuracy horizontal;accuracy vertical\n"
+    exif = "SourceFile,GPSLatitude,GPSLongitude,GPSAltitude,RtkStdLon,RtkStdLat,RtkStdHgt\n"
+    for i, (lon, lat, h) in enumerate(rows):
+        metashape += f"{i}.jpg,{lon!r},{lat!r},{h!r},10,0,0,0.02\n"
+        pix4d += f"{i}.jpg;{lat!r};{lon!r};{h!r};0.02;0.02\n"
+        words = []
+        for value, letter in ((lat, "N"), (lon, "E")):
+            minutes = 60.0 * (value - int(value))
+            seconds = 60.0 * (minutes - int(minutes))
+            words.append(f'"{int(value)} deg {int(minutes)}\' {seconds:.6f}"" {letter}"')
+        exif += f"./photos/{i}.jpg,{words[0]},{words[1]},{h:.4f} m Above Sea Level,"
+        exif += "0.02,0.02,0.02\n"
+    metashape += "#Label,X_est\n"
+    for text in (metashape, pix4d, exif):
+        path = tmp_path / "positions.csv"
+        path.write_text(text)
+        network = fga.read(folder / "sparse", positions=path)
+        observed = list(network.observations.values())
+        assert [o.sigma for o in observed] == [(0.02, 0.02, 0.02)] * 4
+        found = np.array([o.value for o in observed])
+        assert found == pytest.approx(at_true_place(network, CENTRES), abs=1e-3)
+
+
+def test_systems_of_lists() -> None:
+    for text in ("WGS84", "epsg:4326", "+proj=longlat +ellps=WGS84 +datum=WGS84 +no_defs"):
+        assert list_system(text).grid is None
+    assert list_system("WGS84 UTM 16N").grid is not None
+    assert list_system("EPSG:25833").grid is not None
+    with pytest.raises(InputError, match="unknown reference system 'UTM 33'"):
+        list_system("UTM 33")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("EPSG:4326\na.jpg 1\n", r"p\.txt:2: a row has image x y \[z\]"),
+        ("EPSG:4326\na.jpg 1 x 3\n", r"p\.txt:2: y: 'x' is not a number"),
+        ("a.jpg 1 2 3\n", r"p\.txt:1: unknown reference system 'a\.jpg 1 2 3'"),
+        ("label,x,y,z\na,1,2,3\n", r"p\.txt:1: the table states no reference system; valid: posi"),
+        ("label,x,z\na,1,2\n", r"p\.txt:1: the header has no column for y; valid: y: y/north"),
+        ("label,lat,lon\na,95 deg,2\n", r"p\.txt:2: latitude: '95 deg' is not a number"),
+        ("", r"p\.txt.*is empty: the first line names the reference system"),
+    ],
+)
+def test_lists_that_are_wrong(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "p.txt"
+    path.write_text(text)
+    problems = Problems()
+    with pytest.raises(InputError, match=message):
+        read_positions(path, problems)
+        problems.raise_all()
+
+
+def test_positions_without_accuracies_need_them(folder: Path) -> None:
+    path = folder / "geo.txt"
+    path.write_text(path.read_text().replace(" 10 0 0 0.02 0.03", ""))
+    with pytest.raises(InputError, match=r"geo\.txt:2: has no accuracy; valid: sigma_positions="):
+        fga.read(folder / "sparse", positions=path)
+    network = fga.read(folder / "sparse", positions=path, sigma_positions=(1.5, 3.0))
+    assert {o.sigma for o in network.observations.values()} == {(1.5, 1.5, 3.0)}
+
+
+def test_lists_and_tables_exclude_each_other(folder: Path) -> None:
+    with pytest.raises(InputError, match=r"lists \(gcp, positions\) and tables"):
+        fga.read(folder / "sparse", gcp=folder / "gcp_list.txt", control=folder / "c.csv")
+
+
+def test_a_place_that_two_lines_of_ground_control_give_a_photo_is_refused(folder: Path) -> None:
+    path = folder / "gcp_list.txt"
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([*lines, lines[2]]) + "\n")
+    with pytest.raises(InputError, match=r"control point 'G0' is measured twice in image 'flight"):
+        fga.read(folder / "sparse", gcp=path)
