@@ -227,8 +227,8 @@ def _of_table(
     column: dict[str, int] = {}
     for i, title in enumerate(titles):
         plain = title.lstrip("#").strip().lower()
-        for name, known in COLUMN_NAMES.items():
-            if plain in known:
+        for name, spellings in COLUMN_NAMES.items():
+            if plain in spellings:
                 column.setdefault(name, i)
     geographic = "longitude" in column and "latitude" in column
     plan = ("longitude", "latitude") if geographic else ("x", "y")
@@ -251,9 +251,9 @@ def _of_table(
         if values[0].startswith("#"):
             continue  # a comment, such as the sums behind Metashape's rows
         given = {n: values[i] for n, i in column.items() if i < len(values)}
-        found = _of_row(source, number, given, plan)
-        if found is not None:
-            out.append(found)
+        position = _of_row(source, number, given, plan)
+        if position is not None:
+            out.append(position)
     return PositionList(used, out)
 
 

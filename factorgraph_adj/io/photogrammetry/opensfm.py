@@ -127,9 +127,9 @@ def read_opensfm(
     if positions is not None:
         if gps == "observe":
             raise InputError("positions and gps='observe' exclude each other")
-        listed = read_positions(Path(positions), problems, system=positions_system)
+        stated = read_positions(Path(positions), problems, system=positions_system)
         if isinstance(network.frame, TopocentricFrame):
-            found = listed_priors(listed, network.frame, network.photos, problems, sigma_positions)
+            found = listed_priors(stated, network.frame, network.photos, problems, sigma_positions)
             network.add(
                 *(PhotoPosition(p.photo, p.xyz, sigma=p.sigma, source=p.where) for p in found)
             )
