@@ -5,6 +5,7 @@ Grammar: GeoEasy's reader (src/zsenigeo.tcl) and a field book of it.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable
 from pathlib import Path
@@ -13,7 +14,7 @@ from typing import Any
 from ...network.network import Network
 from ..format_reader import NetworkReader, Reader
 from ..numbers import PACKED_DEGREES
-from ..source import TextSource
+from ..source import Field, TextSource
 from ..text_files import file_beginning
 from .accuracies import DEFAULT_ACCURACIES, Accuracies
 from .field_book import FieldBook
@@ -29,9 +30,22 @@ from .field_records import (
 from .geoprofi import HUNGARIAN_CODE_PAGE
 
 GEOZSENI_SCALES = Scales(angle=PACKED_DEGREES)
+FULL_MINUTE = re.compile(r"(\d{1,3}\.[0-5]\d)60")
+"""Packed degrees with 60 seconds, which the program writes for 59.5″ and more: it rounds last."""
+
+
+def read_rounded_angle(field: Field, scales: Scales = GEOZSENI_SCALES) -> float:
+    """Return an angle; 60 seconds are a minute more."""
+    match = FULL_MINUTE.fullmatch(field.value) if isinstance(field.value, str) else None
+    if match is None:
+        return read_angle(field, scales)
+    field.value = f"{match[1]}00"
+    return read_angle(field, scales) + math.radians(1 / 60)
+
+
 GEOZSENI_READINGS = (
-    ("direction", "horizontal reading", read_angle),
-    ("zenith", "zenith reading", read_angle),
+    ("direction", "horizontal reading", read_rounded_angle),
+    ("zenith", "zenith reading", read_rounded_angle),
     ("distance", "slope distance", read_length),
 )
 GEOZSENI_FACES = ((1, " in face I"), (2, " in face II"), (0, ""))
@@ -72,9 +86,10 @@ def read_geozseni(
     """Read a field book of GeoZseni.
 
     Read are stations (AP) and sights (AM, RM): readings of both faces where they stand there, and
-    otherwise their means, in packed degrees and metres. The files have no coordinates. Text that
-    is not UTF-8 is read in code page 852. Not read: means beside readings in both faces, codes,
-    date, field book, surveyor, instrument, data collector and note of a station.
+    otherwise their means, in packed degrees, of which 60 seconds are a minute more, and metres.
+    The files have no coordinates. Text that is not UTF-8 is read in code page 852. Not read: means
+    beside readings in both faces, codes, date, field book, surveyor, instrument, data collector
+    and note of a station.
 
     Tried on one field book of GeoEasy, of 248 set-ups.
 

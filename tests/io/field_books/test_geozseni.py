@@ -75,6 +75,14 @@ def test_means_alone_are_readings_of_one_face(tmp_path):
     assert of["slope_distance"] == 174.578
 
 
+def test_sixty_seconds_are_a_minute_more(tmp_path):
+    """The program rounds seconds after it has separated minutes: 334.1560 is 334° 16′."""
+    text = "GJK,2\nAP,1,,1.5,,,,,,\nRM,2,,1.3,,,334.1560,,,089.5960,,,10\n"
+    of = {o.kind: o.value for o in book(tmp_path, text).observations.values()}
+    assert of["direction"] == pytest.approx(math.radians(334 + 16 / 60))
+    assert of["zenith_angle"] == pytest.approx(math.radians(90))
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
