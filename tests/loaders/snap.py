@@ -42,7 +42,7 @@ NO_COUNTERPART = {
     "ED": "distance along the ellipsoid",
     "MD": "distance along the geoid",
 }
-"""Types of SNAP that are not among the observations here."""
+"""Types of SNAP whose rows are not compared."""
 
 
 def dms(degrees: str, minutes: str, seconds: str, hemisphere: str = "N") -> float:

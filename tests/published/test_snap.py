@@ -1,9 +1,9 @@
 """Rows of the design matrix, a refraction coefficient and a reference frame as SNAP prints them.
 
-What SNAP has and this library has not: bearings on a map projection (PB), distances along the
-ellipsoid (ED) and along the geoid (MD), and scale and rotation of a GNSS reference frame as
-unknowns. The expected sums of squares of whole adjustments (test1a, test1b, testgx3) need
-them; what is compared here are rows, and the parts of those adjustments that do not.
+The observations are made of the listings by `tests.loaders.snap`, with kinds that SNAP does not
+define in the same way (horizontal distances, height differences); bearings on a map projection
+(PB) and distances along the ellipsoid (ED) and the geoid (MD) are left out. Whole jobs, with these,
+are compared in tests/io/survey/test_snap.py.
 """
 
 from __future__ import annotations

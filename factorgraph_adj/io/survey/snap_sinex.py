@@ -10,6 +10,9 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
+import numpy as np
+
+from ...observations import GnssPosition
 from ..gnss.sinex import read_sinex
 from ..gnss.sinex_blocks import SinexFile
 from ..source import TextSource
@@ -99,7 +102,9 @@ def read_sinex_set(at: JobLine, path: Path, options: SinexOptions) -> list[SnapS
     if network.clusters:
         ((_, covariance),) = network.clusters
     else:  # of one station
-        covariance = next(iter(network.observations.values())).covariance
+        (only,) = network.observations.values()
+        assert isinstance(only, GnssPosition)  # read_sinex has nothing else
+        covariance = np.asarray(only.covariance)
     return [SnapSet(tuple(readings), source, FULL, covariance)]
 
 
