@@ -37,6 +37,7 @@ if _TYPE_CHECKING:
     from .frames import GeocentricFrame, LocalFrame, TopocentricFrame
     from .graph.observation_selection import without
     from .incremental.adjustment import IncrementalAdjustment
+    from .io.example_files import fetch_example
     from .io.field_books.accuracies import Accuracies
     from .io.field_books.gsi import read_gsi
     from .io.field_books.jobxml import read_jobxml
@@ -223,22 +224,22 @@ __all__ = [
     "as_models", "block_motion", "build_graph", "causes", "check_points", "congruence",
     "covariance_array", "determined_part", "direction_test", "distance_meter_test",
     "distance_precision", "dlt", "error_ellipse", "error_ellipsoid",
-    "estimate_variance_components", "exclude_insignificant", "find_sparable", "from_grid",
-    "grid_coordinates", "grid_photos", "join", "level_test", "load_solution", "measure",
-    "memory_needed", "orient", "plan", "plot_network", "positional_accuracy", "predict",
-    "preliminary", "propose", "read", "read_aicon", "read_bal", "read_bundler", "read_colmap",
-    "read_columns", "read_comp3d", "read_dbat", "read_dynadjust", "read_dynaml", "read_gama",
-    "read_gama_g3", "read_gsi", "read_gvx", "read_jag3d", "read_jobxml", "read_landxml",
-    "read_lgc2", "read_metashape", "read_micmac", "read_mmvii", "read_opencv", "read_openmvg",
-    "read_opensfm", "read_opf", "read_project", "read_sdr33", "read_sinex", "read_star_net",
-    "read_star_net_project", "reduce_faces", "register_lens", "register_observation",
-    "register_reader", "register_unknown", "relative_model", "reliability", "results_schema",
-    "robust_adjust", "s_transform", "significance", "snoop", "solution_budget", "text_report",
-    "to_xarray", "uncertainty_budget", "vectors_in_own_datum", "wgs84_coordinates", "without",
-    "write", "write_colmap", "write_dxf", "write_dynaml", "write_geojson", "write_geopackage",
-    "write_gvx", "write_jag3d", "write_kml", "write_landxml", "write_metashape", "write_opencv",
-    "write_opf", "write_ply", "write_project", "write_report", "write_results", "write_sinex",
-    "write_star_net", "zenith_test",
+    "estimate_variance_components", "exclude_insignificant", "fetch_example", "find_sparable",
+    "from_grid", "grid_coordinates", "grid_photos", "join", "level_test", "load_solution",
+    "measure", "memory_needed", "orient", "plan", "plot_network", "positional_accuracy",
+    "predict", "preliminary", "propose", "read", "read_aicon", "read_bal", "read_bundler",
+    "read_colmap", "read_columns", "read_comp3d", "read_dbat", "read_dynadjust", "read_dynaml",
+    "read_gama", "read_gama_g3", "read_gsi", "read_gvx", "read_jag3d", "read_jobxml",
+    "read_landxml", "read_lgc2", "read_metashape", "read_micmac", "read_mmvii", "read_opencv",
+    "read_openmvg", "read_opensfm", "read_opf", "read_project", "read_sdr33", "read_sinex",
+    "read_star_net", "read_star_net_project", "reduce_faces", "register_lens",
+    "register_observation", "register_reader", "register_unknown", "relative_model",
+    "reliability", "results_schema", "robust_adjust", "s_transform", "significance", "snoop",
+    "solution_budget", "text_report", "to_xarray", "uncertainty_budget", "vectors_in_own_datum",
+    "wgs84_coordinates", "without", "write", "write_colmap", "write_dxf", "write_dynaml",
+    "write_geojson", "write_geopackage", "write_gvx", "write_jag3d", "write_kml", "write_landxml",
+    "write_metashape", "write_opencv", "write_opf", "write_ply", "write_project", "write_report",
+    "write_results", "write_sinex", "write_star_net", "zenith_test",
 ]
 # fmt: on
 
@@ -265,6 +266,7 @@ _NAMES = {
     "graph.observation_selection": "without",
     "incremental.adjustment": "IncrementalAdjustment",
     "io.gnss.dynadjust": "read_dynadjust",
+    "io.example_files": "fetch_example",
     "io.gnss.dynaml": "read_dynaml",
     "io.gnss.dynaml_writer": "write_dynaml",
     "io.gnss.gvx": "read_gvx write_gvx",

@@ -53,6 +53,15 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Say how many tests were skipped for want of real measurements, and how to get these."""
+    from tests.support.places import ABSENT, where_data_come_from
+
+    skipped = [r for r in terminalreporter.stats.get("skipped", []) if ABSENT in str(r.longrepr)]
+    if skipped:
+        terminalreporter.write_line(where_data_come_from(len(skipped)))
+
+
 @pytest.fixture(autouse=True, scope="module")
 def registered_kinds_stay() -> Iterator[None]:
     """Tests that register a kind take it back: other tests may name all that are valid."""

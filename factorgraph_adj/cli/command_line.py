@@ -1,8 +1,8 @@
 """Command ``factorgraph-adj``: its table of commands, parsers that suggest words, exit codes.
 
-Commands are new, check, convert, join, map, formats, compare, adjust, plot, stream, plan, propose.
-Each adds its arguments when it is called, and returns an exit code of `cli.messages`.
-Errors go to stderr as a list with one problem in each line.
+Commands are new, check, convert, join, map, fetch-example, formats, compare, adjust, plot, stream,
+plan, propose. Each adds its arguments when it is called, and returns an exit code of
+`cli.messages`. Errors go to stderr as a list with one problem in each line.
 """
 
 from __future__ import annotations
@@ -47,6 +47,11 @@ COMMAND_MODULES = {
     "convert": ("network_files", "add_convert", "read a network in one format, write another"),
     "join": ("network_files", "add_join", "read several files of one object, write one network"),
     "map": ("column_map", "add_map", "print a mapping of the columns of a table, to correct"),
+    "fetch-example": (
+        "example_network",
+        "add_fetch_example",
+        "copy an example network into a folder",
+    ),
     "formats": ("formats", "add_formats", "list the formats that are read and written"),
     "compare": ("comparison", "add_compare", "adjust two epochs and tell what moved"),
 }

@@ -11,6 +11,17 @@ EXAMPLES = ROOT / "examples"
 """Folder of the example scripts and projects."""
 DATA = Path(os.environ.get("FACTORGRAPH_ADJ_DATA", ROOT.parent / "shared" / "data"))
 """Folder of real measurements, one folder in it for each data set."""
+ABSENT = "real measurements"
+"""Beginning of the reason for which a test is skipped that has no data."""
+
+
+def where_data_come_from(number: int) -> str:
+    """Return how many tests were skipped without real measurements, and how to get these."""
+    return (
+        f"{number} tests were skipped, because the {ABSENT} of other projects are not part of this "
+        "repository. The module of each test names the project and its commit: copy its files into "
+        f"{DATA}/NAME, or set FACTORGRAPH_ADJ_DATA; see docs/results/measurements.md"
+    )
 
 
 def data_dir(name: str) -> Path:
@@ -19,5 +30,5 @@ def data_dir(name: str) -> Path:
     if not folder.is_dir():
         import pytest  # benchmarks import this module in environments without pytest
 
-        pytest.skip(f"real measurements {name!r} are not at {DATA} (set FACTORGRAPH_ADJ_DATA)")
+        pytest.skip(f"{ABSENT} {name!r} are not at {DATA} (set FACTORGRAPH_ADJ_DATA)")
     return folder
