@@ -168,7 +168,7 @@ def _fetched(address: str, sha: str) -> bytes:
     """
     try:
         with urlopen(address, timeout=FETCH_SECONDS) as answer:  # the addresses are constants
-            content = answer.read(MAX_FETCHED_BYTES)
+            content = bytes(answer.read(MAX_FETCHED_BYTES))
     except (URLError, OSError) as error:
         reason = getattr(error, "reason", error)
         raise InputError(Problem(f"cannot be fetched: {reason}", address)) from None
