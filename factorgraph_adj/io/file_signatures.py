@@ -67,6 +67,10 @@ A_DOCUMENT = "give the file that it was printed from"
 RAW_GNSS = "process the vectors and give them as SINEX, GVX or DynaML"
 BINARY_BOOK = "export the job as JobXML, LandXML or text and read that"
 A_RESULT = "it is a result; give the input of the program, which has the observations"
+A_PROGRAM = (
+    "save its observations and points as tables, and read them with a mapping of their columns, "
+    "which `factorgraph-adj map FILE` proposes"
+)
 SIGNATURES: tuple[Signature, ...] = (
     Signature("a photo in JPEG", A_PHOTO, r"\A\xff\xd8\xff"),
     Signature("a picture in PNG", A_PHOTO, r"\A\x89PNG"),
@@ -106,6 +110,12 @@ SIGNATURES: tuple[Signature, ...] = (
     Signature("an array of NumPy", "fill a network in Python: fga.Network", r"\A\x93NUMPY"),
     Signature("data of MATLAB", "export them as tables", r"\AMATLAB 5\.0 MAT-file"),
     Signature("a recording of ROS", "export poses as TUM, or images as a block", r"\A#ROSBAG"),
+    Signature("coordinates or observations of MOVE3", A_PROGRAM, r"\AMOVE3 V[\d.]+ \w+ file"),
+    Signature(
+        "a network of Columbus",
+        A_PROGRAM,
+        r"^\s*(_UNITS; *[MUIC] *; *(D|DD|G)\s*$|_STA_COORD; |\$UNITS\s*$)",
+    ),
     Signature("a listing of STAR*NET", A_RESULT, r"MicroSurvey STAR\*NET|STAR\*NET-?\w* Version"),
     Signature("a listing of SNAP", A_RESULT, r"SNAP version |Survey Network Adjustment Program"),
     Signature("results of GNU Gama", A_RESULT, r"<gama-(local|g3)-adjustment"),
