@@ -119,8 +119,8 @@ def at_edge(grid: SubGrid, latitude: float, longitude: float) -> Array:
         (left, "HG JB LD PO"),
     ):
         if test:
-            for new, old in moves.split():
-                at[new] = at[old]
+            for pair in moves.split():
+                at[pair[0]] = at[pair[1]]
             break
     flat = grid.values.reshape(-1, 3)
     # Nodes are numbered on, row by row: beyond the end of a row lies the begin of the next.
@@ -259,7 +259,7 @@ def main() -> None:
         other = None if measurements is None else folder / measurements
         what_is_read(
             title,
-            lambda read=read, s=stations, m=other, o=options: read(folder / s, m, **o),  # type: ignore[misc]
+            lambda read=read, s=stations, m=other, o=options: read(folder / s, measurements=m, **o),  # type: ignore[misc]
         )
     listing = folder / "gnss.simult.adj.expected"
     for title, network in (

@@ -21,14 +21,14 @@ from .dynadjust_measurements import network_of
 PARTNERS = {".stn": ".msr", ".msr": ".stn"}
 NO_STATIONS_MESSAGE = (
     "has no stations: read the file of the stations (.stn), which takes the measurements (.msr) "
-    "of the same name beside it or as a second argument"
+    "of the same name beside it or as the option measurements"
 )
 
 
 def read_dynadjust(
     stations: str | Path,
-    measurements: str | Path | None = None,
     *,
+    measurements: str | Path | None = None,
     reference_frames: Literal["transform", "by GDA94", "as is"] = "transform",
     heights: Literal["refuse", "ellipsoidal"] = "refuse",
     geoid: str | float | None = None,

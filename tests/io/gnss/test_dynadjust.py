@@ -411,6 +411,13 @@ def test_a_repeated_free_station_counts_once(tmp_path: Path) -> None:
         read(tmp_path, STATIONS + again.replace("FFF", "CCC"))
 
 
+def test_measurements_of_another_name_are_an_option(tmp_path: Path) -> None:
+    written(tmp_path, STATIONS, "!#=DNA 3.01 MSR\n")
+    (tmp_path / "driver.msr").write_text(DRIVER)
+    options = {"measurements": str(tmp_path / "driver.msr"), "driver": True, "geoid": 4.5}
+    assert len(fga.read(tmp_path / "net.stn", **options).observations) == 21
+
+
 @pytest.mark.parametrize("other", ["net.stn", "net.msr"])
 def test_either_file_finds_the_other(tmp_path: Path, other: str) -> None:
     written(tmp_path, STATIONS, MEASUREMENTS)
