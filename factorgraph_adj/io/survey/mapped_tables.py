@@ -38,14 +38,11 @@ from .workbook import is_workbook, sheet_rows
 MAX_CELL = 500
 """Characters of a cell; more are a missing quotation mark."""
 HELD_BY_WORD = {
-    "yes": "xyz",
-    "true": "xyz",
-    "1": "xyz",
+    **dict.fromkeys(
+        ("yes", "true", "1", "ja", "oui", "si", "sí", "sim", "tak", "igen", "да"), "xyz"
+    ),
+    **dict.fromkeys(("no", "false", "0", "", "nein", "non", "não", "nee", "nie", "nem", "нет"), ""),
     "x": "x",
-    "no": "",
-    "false": "",
-    "0": "",
-    "": "",
 }
 """Words in the column ``fixed``, beside axes such as xyz, xy and z."""
 FACE_BY_WORD = {"1": 1, "i": 1, "f1": 1, "l": 1, "2": 2, "ii": 2, "f2": 2, "r": 2}
@@ -334,7 +331,7 @@ class _Reader:
         if axes is None:
             self.source.wrong(line, f"fixed must be yes, no or axes such as xy, not {word[:20]!r}")
         elif missing := [a for a, v in zip("xyz", values, strict=True) if a in axes and v is None]:
-            if word in ("yes", "true", "1"):
+            if not set(word) <= set("xyz"):
                 axes = "".join(a for a in axes if a not in missing)
             else:
                 self.source.wrong(line, f"{', '.join(missing)} is held, but has no value")

@@ -140,6 +140,17 @@ def test_titles_before_the_header_and_code_pages_are_seen(tmp_path):
     assert tuple(network.points["A"].coordinates) == (10.5, 20.25, 3.0)
 
 
+def test_points_are_held_by_words_of_each_language(tmp_path):
+    path = tmp_path / "points.csv"
+    rows = ["Punkt;Rechts;Hoch;Höhe;fest", "A;1;2;3;ja", "B;1;2;;oui", "C;1;2;3;nein", "D;1;2;3;xy"]
+    path.write_text("\n".join(rows) + "\n", encoding="utf-8")
+    network = fga.read(path, mapping="guess")
+    assert [p.held for p in network.points.values()] == ["xyz", "xy", "", "xy"]
+    path.write_text("Punkt;Rechts;Hoch;Höhe;fest\nB;1;2;;xyz\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"points\.csv:2: z is held, but has no value"):
+        fga.read(path, mapping="guess")
+
+
 def test_an_unknown_header_leaves_the_table_open(tmp_path):
     path = tmp_path / "t.csv"
     path.write_text("alpha,beta\nq1,q2\n", encoding="ascii")
