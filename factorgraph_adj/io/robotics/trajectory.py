@@ -186,6 +186,10 @@ def read_trajectory(
                         source=at,
                     )
                 )
+    if sigma_m is None and sigma_rad is None:
+        source.problems.remarks.append(
+            "poses are start values; sigma_m and sigma_rad make them observations"
+        )
     if again:
         source.problems.remarks.append(
             f"{len(again)} poses have the time of the one before, and names that end in{SECOND}; "

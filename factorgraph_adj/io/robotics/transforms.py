@@ -94,6 +94,7 @@ def read_transforms_json(
             network.add_photo(
                 name, camera, position=place.tolist(), rotation=rotation @ TURN_ABOUT_X
             )
+    problems.remarks.append("the file has no observations: its poses are start values")
     problems.finish(network)
     return network
 

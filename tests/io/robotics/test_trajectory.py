@@ -82,6 +82,14 @@ def test_rows_of_kitti_are_rotations_and_places_with_times_of_another_file(tmp_p
     assert [o.time for o in network.observations.values()] == pytest.approx([0.0, 0.15])
 
 
+def test_the_network_says_that_poses_without_accuracies_are_start_values(tmp_path: Path) -> None:
+    path = write(tmp_path, TUM, "a.tum")
+    assert fga.read(path).remarks == [
+        "poses are start values; sigma_m and sigma_rad make them observations"
+    ]
+    assert not fga.read(path, sigma_m=0.1).remarks
+
+
 def test_observed_poses_are_adjusted(tmp_path: Path) -> None:
     network = fga.read(write(tmp_path, TUM), sigma_m=0.02, sigma_rad=0.01)
     solution = fga.adjust(network)
