@@ -30,7 +30,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, refuse_other_types
 from ..quality.point_precision import CheckPoints, check_points
 from ..result_display import Rows, Shown
 from ..solve.solution import Solution
@@ -188,6 +188,9 @@ def positional_accuracy(
     Raises:
         InputError: there is no check point, a difference is infinite, or σ is negative.
     """
+    if isinstance(found, list | tuple):
+        found = np.asarray(found, dtype=float)
+    refuse_other_types(found, Solution | CheckPoints | np.ndarray, "positional_accuracy")
     if isinstance(found, Solution):
         found = check_points(found)
     if isinstance(found, CheckPoints):

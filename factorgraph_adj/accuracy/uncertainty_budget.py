@@ -25,7 +25,7 @@ from typing import Literal
 
 import numpy as np
 
-from ..errors import InputError, Problem, known
+from ..errors import InputError, Problem, known, taking
 from ..quality.observation_groups import GroupChoice, observation_groups
 from ..quality.point_precision import Place, place_position, place_variable
 from ..result_display import Rows, Shown
@@ -266,6 +266,7 @@ def _effective_freedom(
     return variance**2 / float(total)
 
 
+@taking(Solution)
 def solution_budget(
     solution: Solution,
     quantity: str | tuple[Place, Place],

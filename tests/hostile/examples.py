@@ -47,8 +47,8 @@ class Example:
     open_names: bool = False
     """Whether the format grows by elements, attributes and keys: others than the read ones are not
     looked at. Values of what is read are judged as everywhere."""
-    points_only: bool = False
-    """Whether the format has coordinates and no observations."""
+    places_only: bool = False
+    """Whether the files have points or photos, and no observations."""
     is_field_book: bool = False
     """Whether the files have the survey of `tests.io.field_books.field_files`."""
 

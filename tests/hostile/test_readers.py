@@ -41,8 +41,8 @@ def test_every_reader_has_files_that_are_damaged() -> None:
 def test_undamaged_files_are_read_and_told_by_name_and_content(name: str, tmp_path: Path) -> None:
     form = FORMATS[name]
     network = form.reads(form.write(tmp_path))
-    assert network.points
-    assert bool(network.observations or network.n_image_points) != form.points_only
+    assert network.points or network.photos
+    assert bool(network.observations or network.n_image_points) != form.places_only
     if form.begin:
         assert READERS.of(tmp_path / form.begin).name == form.reader
 

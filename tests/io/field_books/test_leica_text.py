@@ -94,7 +94,7 @@ EXAMPLE_FILES = {
         "leica_text",
         {"book.txt": TCR},
         "book.txt",
-        points_only=True,
+        places_only=True,
         unread=(
             r"A site|JOB|OPERATOR|DATE|INS\.|IH|Orientation|SETUP",
             r"WALL01|- -|\|word\|File End|\x20$",

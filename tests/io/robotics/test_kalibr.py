@@ -65,7 +65,7 @@ UNREAD = (
 )
 EXAMPLE_FILES = {
     "kalibr": Example("kalibr", {"chain.yaml": INERTIAL}, "chain.yaml", unread=UNREAD),
-    "kalibr target": Example("kalibr", {"april.yaml": GRID}, "april.yaml"),
+    "kalibr target": Example("kalibr", {"april.yaml": GRID}, "april.yaml", places_only=True),
 }
 
 

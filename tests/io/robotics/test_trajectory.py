@@ -26,12 +26,15 @@ EUROC = """\
 1403715524912143104,0.515342,1.996723,0.971077,0.161904,0.790015,-0.205283,0.554546,-0.003425
 """
 EXAMPLE_FILES = {
-    "tum": Example("trajectory", {"a.txt": TUM}, "a.txt", unread=(r"\|#|\|a\||\|walk\|",)),
+    "tum": Example(
+        "trajectory", {"a.txt": TUM}, "a.txt", unread=(r"\|#|\|a\||\|walk\|",), places_only=True
+    ),
     "kitti": Example(
         "trajectory",
         {"a.txt": KITTI, "times.txt": "0.1\n0.25\n"},
         "a.txt",
         beside={"times": "times.txt"},
+        places_only=True,
     ),
     "euroc": Example(
         "trajectory",

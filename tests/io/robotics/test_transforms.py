@@ -45,6 +45,7 @@ EXAMPLE_FILES = {
         {"transforms.json": json.dumps(document(applied_scale=0.5), indent=1)},
         "transforms.json",
         open_names=True,
+        places_only=True,
     )
 }
 
