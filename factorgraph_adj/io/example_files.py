@@ -7,17 +7,16 @@ written if one of them differs.
 from __future__ import annotations
 
 import hashlib
-import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
-from tempfile import mkdtemp
 from urllib.error import URLError
 from urllib.request import urlopen
 
-from ..errors import InputError, Problem, known, system_reason
+from ..errors import InputError, Problem, known
+from .file_transaction import write_files
 
 OWN_FILES = Path(str(files(__package__))) / "example_networks"
 """Folder of the examples of this package."""
@@ -120,34 +119,14 @@ def fetch_example(name: str, folder: str | Path | None = None) -> Path:
     out = Path(name if folder is None else folder)
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(Problem("is there already: name another folder", str(out)))
-    contents = {source.name: source.read_bytes() for source in _sources(example)}
+    contents: dict[str, str | bytes | None] = {
+        source.name: source.read_bytes() for source in _sources(example)
+    }
     for address, sha in example.fetched.items():
         contents[address.rpartition("/")[2]] = _fetched(address, sha)
-    contents["README.txt"] = _readme(example).encode()
-    _write(out, contents)
+    contents["README.txt"] = _readme(example)
+    write_files(out, contents)
     return out
-
-
-def _write(folder: Path, contents: Mapping[str, bytes]) -> None:
-    """Write files into a folder that appears with all of them, or not at all.
-
-    Raises:
-        InputError: the folder cannot be made.
-    """
-    made = None
-    try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        made = Path(mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
-        for name, content in contents.items():
-            (made / name).write_bytes(content)
-        made.chmod(0o755)
-        if folder.exists():
-            folder.rmdir()  # it is empty
-        made.rename(folder)
-    except OSError as error:
-        if made is not None:
-            shutil.rmtree(made, ignore_errors=True)
-        raise InputError(Problem(f"cannot be made: {system_reason(error)}", str(folder))) from None
 
 
 def _sources(example: ExampleNetwork) -> list[Path]:

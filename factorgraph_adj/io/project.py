@@ -475,15 +475,12 @@ def _tables(row: FieldRow, path: Path, allow_outside: bool) -> dict[str, CsvTabl
 def _similar_table_names(folder: Path, found: Mapping[str, CsvTable | None]) -> Iterator[Problem]:
     """Iterate over files that are nearly named like a table that the project does not have."""
     files = sorted(f.name for f in folder.iterdir())
-    missing = [
-        name
-        for name in project_table_names()
-        if found.get(name) is None and f"{name}.csv" not in files
-    ]
+    valid = project_table_names()
+    missing = [name for name in valid if found.get(name) is None and f"{name}.csv" not in files]
     for file in files:
         stem, _, end = file.casefold().partition(".")
-        close = (
-            get_close_matches(stem, missing, 1, MIN_NAME_SIMILARITY) if end in TABLE_ENDINGS else []
-        )
+        if file.removesuffix(".csv") in valid or end not in TABLE_ENDINGS:
+            continue  # readings.csv is near to headings.csv, and a table of its own
+        close = get_close_matches(stem, missing, 1, MIN_NAME_SIMILARITY)
         if close:
             yield Problem(f"is not read: the table is named {close[0]}.csv", file)

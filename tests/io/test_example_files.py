@@ -91,5 +91,5 @@ def test_a_folder_with_files_is_left_alone(tmp_path):
     with pytest.raises(fga.InputError, match="there is no example 'level_loop'; valid: level-loop"):
         fetch_example("level_loop", tmp_path / "x")
     (tmp_path / "file").write_text("")
-    with pytest.raises(fga.InputError, match="cannot be made"):
+    with pytest.raises(fga.InputError, match="not a folder"):
         fetch_example("level-loop", tmp_path / "file" / "x")

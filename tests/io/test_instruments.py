@@ -98,8 +98,8 @@ def test_wrong_rows_are_named_with_file_and_line(
     for name, at in (("A", (4.0, 0, 0)), ("B", (0, 5.0, 1)), ("C", (-3.0, -3, 2))):
         network.add_point(name, at, fixed="xyz")
     network.add_frame("scan", values=dict.fromkeys(("rx", "ry", "rz", "x", "y", "z"), 0.0))
-    for name in "ABC":
-        network.add(FrameDirection("scan", name, 1.0, sigma=1e-5))
+    for i, name in enumerate("ABC"):  # σ of each row: the columns of σ are there
+        network.add(FrameDirection("scan", name, 1.0, sigma=1e-5 * (1 + i)))
     network.add(FrameDistance("scan", "A", 4.0, sigma=1e-3))
     fga.write_project(network, tmp_path / "project.toml")
     (table,) = [f for f in tmp_path.glob("*.csv") if "frame_direction" in f.read_text()]
