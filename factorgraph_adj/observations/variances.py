@@ -133,35 +133,39 @@ def _of_plain_lengths(p: Parts, geometry: Geometry) -> Effects:
 
 def _along(p: Parts, geometry: Geometry) -> tuple[Array, Array]:
     """Return the movement of both ends along their sight, metres."""
-    level, up = _level_and_up(geometry)
-    return _moved(p, level, up)
+    return _moved(p, geometry, lambda level, up: (level, up))
 
 
 def _across(p: Parts, geometry: Geometry) -> tuple[Array, Array]:
     """Return the movement of both ends across their sight in its vertical plane, metres."""
-    level, up = _level_and_up(geometry)
-    return _moved(p, up, level)
+    return _moved(p, geometry, lambda level, up: (up, level))
 
 
-def _level_and_up(geometry: Geometry) -> tuple[Array, Array]:
-    """Return sin z and |cos z| of sights; 1 and 0 where both ends are one place."""
-    q = geometry.sight()
-    slope = np.linalg.norm(q, axis=1)
-    apart = slope > 0
-    safe = np.where(apart, slope, 1.0)
-    return np.where(apart, _level(q) / safe, 1.0), np.abs(q[:, 2]) / safe
+def _moved(
+    p: Parts, geometry: Geometry, shares: Callable[[Array, Array], tuple[Array, Array]]
+) -> tuple[Array, Array]:
+    """Return √((c·h)² + (v·u)²) of both ends, (n,) metres; c where v is NaN.
 
-
-def _moved(p: Parts, horizontal: Array, vertical: Array) -> tuple[Array, Array]:
-    """Return √((c·horizontal)² + (v·vertical)²) of both ends, (n,) metres; c where v is NaN."""
+    Args:
+        p: parts of the standard deviations.
+        geometry: where the observations are.
+        shares: function of sin z and |cos z| of the sights that returns h and u.
+    """
     ends = (
         (p.centring_instrument, p.vertical_instrument),
         (p.centring_target, p.vertical_target),
     )
-    # Without a part for the height the direction does not matter, and may be unknown.
-    instrument, target = (
-        np.where(np.isnan(v), c, np.hypot(c * horizontal, v * vertical)) for c, v in ends
-    )
+    if all(np.isnan(v).all() for _, v in ends):
+        # Without a part for the height the direction does not matter, and may be unknown: a kind
+        # of one's own need not be a sight in space.
+        return p.centring_instrument, p.centring_target
+    q = geometry.sight()
+    slope = np.linalg.norm(q, axis=1)
+    apart = slope > 0
+    safe = np.where(apart, slope, 1.0)
+    # Where both ends are one place, the line between them is taken as level.
+    h, u = shares(np.where(apart, _level(q) / safe, 1.0), np.abs(q[:, 2]) / safe)
+    instrument, target = (np.where(np.isnan(v), c, np.hypot(c * h, v * u)) for c, v in ends)
     return instrument, target
 
 

@@ -11,7 +11,6 @@ from factorgraph_adj.errors import InputError
 from factorgraph_adj.io.field_books.geozseni import READER
 from tests.hostile.examples import Example
 from tests.io.field_books.field_files import HEIGHT, HELD, TARGET, sights
-from tests.io.field_books.test_geoprofi import HEAD
 
 STATION = "AP,S,,{:.3f},2010.11.13.,book.gsi,,,,\n"
 
@@ -102,7 +101,7 @@ def test_the_book_is_recognised_by_its_version(tmp_path):
     path = tmp_path / "book.txt"
     path.write_text(geozseni(), encoding="utf-8")
     assert READER.recognises is not None and READER.recognises(path)
-    path.write_text(HEAD, encoding="utf-8")
+    path.write_text("AR GEODIMETER 510\nFN B.& Co.\nDT 1995.06.15.\n", encoding="utf-8")
     assert not READER.recognises(path)
 
 
