@@ -177,7 +177,7 @@ def test_older_versions_have_the_same_network(tmp_path: Path, version: str) -> N
 
 def test_both_syntaxes_are_one_network(tmp_path: Path) -> None:
     """The same records as elements and as columns."""
-    from tests.io.gnss import test_dynaml as xml
+    from tests.networks import dynaml as xml
 
     network = xml.read(tmp_path, xml.HEAD + xml.STATIONS + xml.MEASUREMENTS + xml.TAIL)
     at = {"A": ("CCC", "-36.3000", "145.5700", "100.0"),
