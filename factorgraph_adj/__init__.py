@@ -31,6 +31,7 @@ if _TYPE_CHECKING:
     from .export.formats import covariance_array, results_schema, to_xarray, write, write_results
     from .export.geojson_kml import write_geojson, write_kml
     from .export.geopackage import write_geopackage
+    from .export.precision_files import write_precision_map
     from .factor_graph.factor_tests import FactorTests
     from .factor_graph.isam import Isam
     from .factor_graph.network_graph import build_graph
@@ -175,6 +176,7 @@ if _TYPE_CHECKING:
     from .quality.parameter_exclusion import exclude_insignificant
     from .quality.parameter_significance import significance
     from .quality.point_precision import check_points, distance_precision
+    from .quality.precision_maps import precision_map
     from .quality.prediction import predict
     from .quality.reliability import reliability
     from .quality.robust_estimation import robust_adjust
@@ -203,43 +205,43 @@ if _TYPE_CHECKING:
 # fmt: off
 __all__ = [
     "GON", "Accuracies", "AdjustmentError", "AntennaVector", "ApproximationError",
-    "AstronomicLatitude", "AstronomicLongitude", "AxisAngle", "Azimuth", "BrownLens",
-    "BudgetInput", "Camera", "Candidate", "ControlPoint", "CoordinateDifference", "Correlated",
-    "DatumError", "Direction", "EqualDistance", "EqualHeightDifference", "Experiment",
-    "FaceReading", "FactorTests", "Finding", "FrameCoordinate", "FrameDirection", "FrameDistance",
+    "AstronomicLatitude", "AstronomicLongitude", "AxisAngle", "Azimuth", "BrownLens", "BudgetInput",
+    "Camera", "Candidate", "ControlPoint", "CoordinateDifference", "Correlated", "DatumError",
+    "Direction", "EqualDistance", "EqualHeightDifference", "Experiment", "FaceReading",
+    "FactorTests", "Finding", "FrameCoordinate", "FrameDirection", "FrameDistance",
     "FrameInclination", "FrameRoll", "FrameVector", "FrameZenith", "GeocentricFrame",
     "GnssPosition", "GnssVector", "GridCoordinates", "GridPhotos", "GyroAzimuth",
-    "HeightDifference", "HorizontalAngle", "HorizontalDistance", "HydrostaticReading",
-    "ImageLine", "ImagePoint", "IncrementalAdjustment", "InputError", "Isam", "LevelHeight",
-    "LineOffset", "LocalFrame", "NavigationAttitude", "Network", "Observation", "ObservationKind",
-    "OnCircle", "OnCone", "OnCylinder", "OnLine", "OnParaboloid", "OnPlane", "OnSphere",
-    "OnTorus", "ParallelAxes", "Parameter", "Part", "PartsSolution", "Photo", "PhotoAngle",
-    "PhotoAttitude", "PhotoBase", "PhotoPosition", "PhotoRange", "PhotoSight", "PhotoTilt",
-    "PlaneDistance", "PlaneOffset", "PlumbOffset", "Point", "PointDirection", "ProfileHeight",
-    "Provenance", "RadialOffset", "ReferenceSystem", "RelativePosition", "RelativeRotation",
-    "ReportOptions", "RightAngle", "SevenParameters", "SightOffset", "SightPlaneOffset",
-    "SlopeDistance", "Solution", "StandardDeviation", "StarNetOptions", "StripCoordinate",
-    "TopocentricFrame", "UnitVector", "UnknownKind", "VerticalAngle", "WireReading",
-    "WireReadingOnBody", "ZenithAngle", "__version__", "adjust", "adjust_parts", "adjusted_lines",
-    "as_models", "block_motion", "build_graph", "causes", "check_points", "congruence",
-    "covariance_array", "determined_part", "direction_test", "distance_meter_test",
-    "distance_precision", "dlt", "error_ellipse", "error_ellipsoid",
-    "estimate_variance_components", "exclude_insignificant", "fetch_example", "find_sparable",
-    "from_grid", "grid_coordinates", "grid_photos", "join", "level_test", "load_solution",
-    "measure", "memory_needed", "orient", "plan", "plot_network", "positional_accuracy",
-    "predict", "preliminary", "propose", "read", "read_aicon", "read_bal", "read_bundler",
-    "read_colmap", "read_columns", "read_comp3d", "read_dbat", "read_dynadjust", "read_dynaml",
-    "read_gama", "read_gama_g3", "read_gsi", "read_gvx", "read_jag3d", "read_jobxml",
-    "read_landxml", "read_lgc2", "read_metashape", "read_micmac", "read_mmvii", "read_opencv",
-    "read_openmvg", "read_opensfm", "read_opf", "read_project", "read_sdr33", "read_sinex",
-    "read_star_net", "read_star_net_project", "reduce_faces", "register_lens",
-    "register_observation", "register_reader", "register_unknown", "relative_model",
-    "reliability", "results_schema", "robust_adjust", "s_transform", "significance", "snoop",
-    "solution_budget", "text_report", "to_xarray", "uncertainty_budget", "vectors_in_own_datum",
-    "wgs84_coordinates", "without", "write", "write_colmap", "write_dxf", "write_dynaml",
-    "write_geojson", "write_geopackage", "write_gvx", "write_jag3d", "write_kml", "write_landxml",
-    "write_metashape", "write_opencv", "write_opf", "write_ply", "write_project", "write_report",
-    "write_results", "write_sinex", "write_star_net", "zenith_test",
+    "HeightDifference", "HorizontalAngle", "HorizontalDistance", "HydrostaticReading", "ImageLine",
+    "ImagePoint", "IncrementalAdjustment", "InputError", "Isam", "LevelHeight", "LineOffset",
+    "LocalFrame", "NavigationAttitude", "Network", "Observation", "ObservationKind", "OnCircle",
+    "OnCone", "OnCylinder", "OnLine", "OnParaboloid", "OnPlane", "OnSphere", "OnTorus",
+    "ParallelAxes", "Parameter", "Part", "PartsSolution", "Photo", "PhotoAngle", "PhotoAttitude",
+    "PhotoBase", "PhotoPosition", "PhotoRange", "PhotoSight", "PhotoTilt", "PlaneDistance",
+    "PlaneOffset", "PlumbOffset", "Point", "PointDirection", "ProfileHeight", "Provenance",
+    "RadialOffset", "ReferenceSystem", "RelativePosition", "RelativeRotation", "ReportOptions",
+    "RightAngle", "SevenParameters", "SightOffset", "SightPlaneOffset", "SlopeDistance", "Solution",
+    "StandardDeviation", "StarNetOptions", "StripCoordinate", "TopocentricFrame", "UnitVector",
+    "UnknownKind", "VerticalAngle", "WireReading", "WireReadingOnBody", "ZenithAngle",
+    "__version__", "adjust", "adjust_parts", "adjusted_lines", "as_models", "block_motion",
+    "build_graph", "causes", "check_points", "congruence", "covariance_array", "determined_part",
+    "direction_test", "distance_meter_test", "distance_precision", "dlt", "error_ellipse",
+    "error_ellipsoid", "estimate_variance_components", "exclude_insignificant", "fetch_example",
+    "find_sparable", "from_grid", "grid_coordinates", "grid_photos", "join", "level_test",
+    "load_solution", "measure", "memory_needed", "orient", "plan", "plot_network",
+    "positional_accuracy", "precision_map", "predict", "preliminary", "propose", "read",
+    "read_aicon", "read_bal", "read_bundler", "read_colmap", "read_columns", "read_comp3d",
+    "read_dbat", "read_dynadjust", "read_dynaml", "read_gama", "read_gama_g3", "read_gsi",
+    "read_gvx", "read_jag3d", "read_jobxml", "read_landxml", "read_lgc2", "read_metashape",
+    "read_micmac", "read_mmvii", "read_opencv", "read_openmvg", "read_opensfm", "read_opf",
+    "read_project", "read_sdr33", "read_sinex", "read_star_net", "read_star_net_project",
+    "reduce_faces", "register_lens", "register_observation", "register_reader", "register_unknown",
+    "relative_model", "reliability", "results_schema", "robust_adjust", "s_transform",
+    "significance", "snoop", "solution_budget", "text_report", "to_xarray", "uncertainty_budget",
+    "vectors_in_own_datum", "wgs84_coordinates", "without", "write", "write_colmap", "write_dxf",
+    "write_dynaml", "write_geojson", "write_geopackage", "write_gvx", "write_jag3d", "write_kml",
+    "write_landxml", "write_metashape", "write_opencv", "write_opf", "write_ply",
+    "write_precision_map", "write_project", "write_report", "write_results", "write_sinex",
+    "write_star_net", "zenith_test",
 ]
 # fmt: on
 
@@ -259,6 +261,7 @@ _NAMES = {
     "export.formats": "covariance_array results_schema to_xarray write write_results",
     "export.geojson_kml": "write_geojson write_kml",
     "export.geopackage": "write_geopackage",
+    "export.precision_files": "write_precision_map",
     "factor_graph.factor_tests": "FactorTests",
     "factor_graph.isam": "Isam",
     "factor_graph.network_graph": "build_graph",
@@ -360,6 +363,7 @@ _NAMES = {
     "quality.parameter_exclusion": "exclude_insignificant",
     "quality.parameter_significance": "significance",
     "quality.point_precision": "check_points distance_precision",
+    "quality.precision_maps": "precision_map",
     "quality.prediction": "predict",
     "quality.reliability": "reliability",
     "quality.robust_estimation": "robust_adjust",

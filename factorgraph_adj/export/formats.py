@@ -35,6 +35,7 @@ from .geojson_kml import write_geojson, write_kml
 from .geopackage import write_geopackage
 from .map_coordinates import refuse_unknown_place
 from .map_layers import ExportedResult, report_of
+from .precision_files import write_precision_map
 
 if TYPE_CHECKING:
     import pandas
@@ -261,6 +262,7 @@ EXPORT_FORMATS: tuple[ExportFormat, ...] = (
     ExportFormat("kml", (".kml",), "KML", write_kml, refuse_unknown_place),
     ExportFormat("dxf", (".dxf",), "DXF drawing", write_dxf, refuse_drawing),
     ExportFormat("ply", (".ply",), "PLY points", write_ply, epochs=False),
+    ExportFormat("precision-map", (".txt",), "precision map", write_precision_map, epochs=False),
 )
 """The formats that a solution can be written in."""
 
@@ -373,12 +375,12 @@ def write(
     """Write a network or a result in the format that the suffix tells; `read` is the reverse.
 
     A solution can be written for geographic programs (GeoPackage, GeoJSON, KML), as a drawing
-    (DXF), as points (PLY), as results for programs (JSON), and in every format of a network, with
-    adjusted values for given ones.
+    (DXF), as points (PLY), as a table of points with covariances (TXT), as results for programs
+    (JSON), and in every format of a network, with adjusted values for given ones.
 
     Args:
         what: a network, a solution, or a report with data snooping; or a comparison of two epochs,
-            or its report with blocks, in the formats of solutions except PLY.
+            or its report with blocks, in the formats of solutions except PLY and TXT.
         path: the file, or folder.
         format: name of the format, where the suffix does not determine it.
         options: options of the function that writes the format.

@@ -29,7 +29,7 @@ from ..models.unknown_registry import VariableKind
 from ..result_display import Rows, Shown
 from ..solve.solution import Solution
 from ..types import Array, Index, Mask
-from .visible_rays import ViewingLimit, VisibleRays, Visibility, visibility_mask
+from .visible_rays import ViewingLimit, Visibility, VisibleRays, visibility_mask
 
 MOST_POINTS_AT_ONCE = 1000
 """Largest number of points of a group of neighbours."""

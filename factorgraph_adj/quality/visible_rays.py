@@ -205,9 +205,7 @@ class Visibility:
         point, column = np.nonzero(sees)
         return point, sight.photos[near[column]]
 
-    def _imaged(
-        self, sight: _Sight, points: Array, pairs: tuple[Array, ...]
-    ) -> tuple[Array, ...]:
+    def _imaged(self, sight: _Sight, points: Array, pairs: tuple[Array, ...]) -> tuple[Array, ...]:
         """Return the pairs that have an image, and its coordinates (n, 2)."""
         frame = self.solution.network.frame
         pairs = (*pairs, pairs[3][:, 1:3].copy())
@@ -285,9 +283,8 @@ def _fields_of_view(lens: Lens, low: Array, high: Array, calibrations: Array) ->
         if key not in seen:
             t = np.linspace(0.0, 1.0, BORDER_PLACES)[:, None]
             corners = np.array([a, [b[0], a[1]], b, [a[0], b[1]]])
-            border = np.concatenate(
-                [p + t * (q - p) for p, q in zip(corners, np.roll(corners, -1, axis=0))]
-            )
+            sides = zip(corners, np.roll(corners, -1, axis=0), strict=True)
+            border = np.concatenate([p + t * (q - p) for p, q in sides])
             with np.errstate(all="ignore"):
                 z = directions(lens, border, k[None])[:, 2]
             angle = float(np.max(np.arccos(np.clip(z, -1.0, 1.0))))
