@@ -96,9 +96,7 @@ def ratios(errors: Array, sigmas: Array) -> Array:
 
 def main(repetitions: int = 1000, points: int = 1_000_000) -> None:
     """Print both comparisons."""
-    solution = fga.adjust(
-        simulate_aerial_block(1, image_points=2000, points_per_photo=100).network
-    )
+    solution = fga.adjust(simulate_aerial_block(1, image_points=2000, points_per_photo=100).network)
     cloud = simulated_cloud(solution, 1000, 1)
     cloud = cloud[fga.precision_map(solution, cloud).determined]
     started = time.perf_counter()
