@@ -74,7 +74,7 @@ class PrecisionMap(Shown):
     @property
     def sigmas(self) -> Array:
         """Standard deviations along x, y, z, (n, 3), metres."""
-        return np.sqrt(np.einsum("nii->ni", self.covariances))
+        return np.asarray(np.sqrt(np.einsum("nii->ni", self.covariances)))
 
     @property
     def determined(self) -> Mask:
@@ -255,7 +255,7 @@ class _Cloud:
         ones = np.ones(n)
         b = rays.by_point.transpose(0, 2, 1)
         of_point = csr_array((ones, (rays.point, np.arange(n))), shape=(m, n))
-        normal = (of_point @ (b @ rays.by_point).reshape(n, 9)).reshape(m, 3, 3)
+        normal = _sums(of_point, b @ rays.by_point).reshape(m, 3, 3)
         values, vectors = np.linalg.eigh(normal)
         good = values[:, 0] > LEAST_PIVOT * values[:, 2]
         inverse = np.zeros((m, 3, 3))
@@ -268,7 +268,7 @@ class _Cloud:
         k = rays.by_calibration.shape[2]
         place = rays.point * len(lenses) + lens
         of_lens = csr_array((ones, (place, np.arange(n))), shape=(m * len(lenses), n))
-        by_lens = (of_lens @ (b @ rays.by_calibration).reshape(n, 3 * k)).reshape(m, -1, 3, k)
+        by_lens = _sums(of_lens, b @ rays.by_calibration).reshape(m, len(lenses), 3, k)
         c = np.concatenate(
             [a.transpose(0, 2, 1, 3).reshape(m, 3, -1) for a in (by_pose, by_lens)], axis=2
         )
@@ -337,7 +337,12 @@ class _BlockCovariance:
         of_photos = 6 * photos[:, None] + np.arange(6)
         of_lenses = 6 * self.n_photos + self.width * lenses[:, None] + np.arange(self.width)
         at = np.concatenate([of_photos.ravel(), of_lenses.ravel()])
-        return self.whole[np.ix_(at, at)]
+        return np.asarray(self.whole[np.ix_(at, at)])
+
+
+def _sums(of: csr_array, products: Array) -> Array:
+    """Return sums of matrices (n, r, c) over rays, by the incidence of rays, (k, r c)."""
+    return np.asarray(of @ products.reshape(len(products), -1))
 
 
 def neighbours(points: Array, most: int) -> Iterator[Index]:
@@ -370,7 +375,7 @@ def _interpolated(cloud: _Cloud, nodes: int) -> PrecisionMap:
             "interpolate between"
         )
     tree = KDTree(x[chosen])
-    distance, near = tree.query(x, k=NEIGHBOURS)
+    distance, near = (np.asarray(found_there) for found_there in tree.query(x, k=NEIGHBOURS))
     # Weights that sum up to one keep covariances positive; a node that is not determined leaves
     # its neighbourhood undetermined.
     weight = 1.0 / np.maximum(distance, 1e-12 * (distance[:, -1:] + 1e-300)) ** 2

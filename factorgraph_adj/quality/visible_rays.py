@@ -142,12 +142,11 @@ class Visibility:
             width = len(sight.lens.names)
             pose = s.state["pose"][self._pose[photo]]
             k = s.state["calibration"][self.calibration[photo], :width]
-            place = np.searchsorted(sight.photos, photo)
-            point, photo, pose, k, place, xy = self._imaged(
-                sight, points, (point, photo, pose, k, place)
-            )
+            kept, xy = self._imaged(sight.lens, points[point], pose, k)
+            place = np.searchsorted(sight.photos, photo[kept])
             inside = np.all((xy >= sight.low[place]) & (xy <= sight.high[place]), axis=1)
-            point, photo, pose, k, xy = (a[inside] for a in (point, photo, pose, k, xy))
+            kept, xy = kept[inside], xy[inside]
+            point, photo, pose, k = point[kept], photo[kept], pose[kept], k[kept]
             partials = image(
                 s.network.frame, pose, k, points[point], observed=xy, lens=sight.lens
             ).jacobians
@@ -205,26 +204,28 @@ class Visibility:
         point, column = np.nonzero(sees)
         return point, sight.photos[near[column]]
 
-    def _imaged(self, sight: _Sight, points: Array, pairs: tuple[Array, ...]) -> tuple[Array, ...]:
-        """Return the pairs that have an image, and its coordinates (n, 2)."""
+    def _imaged(self, lens: Lens, at: Array, pose: Array, k: Array) -> tuple[Index, Array]:
+        """Return the numbers of the rays that have an image (m,), and its coordinates (m, 2)."""
         frame = self.solution.network.frame
-        pairs = (*pairs, pairs[3][:, 1:3].copy())
+        kept, xy = np.arange(len(at)), k[:, 1:3].copy()
+        off = np.ones(len(at), dtype=bool)
         for _ in range(STEPS_TO_THE_IMAGE):
-            point, _, pose, k, _, xy = pairs
             try:
                 v = image(
-                    frame, pose, k, points[point], observed=xy, lens=sight.lens, jacobians=False
+                    frame, pose[kept], k[kept], at[kept], observed=xy, lens=lens, jacobians=False
                 ).residual
             except DegenerateError as error:
-                pairs = tuple(np.delete(a, error.rows, axis=0) for a in pairs)
+                has = np.ones(len(kept), dtype=bool)
+                has[error.rows] = False
+                kept, xy, off = kept[has], xy[has], off[has]
                 continue
-            moved = xy + v
-            stays = np.isfinite(moved).all(axis=1)
-            pairs = tuple(a[stays] for a in (*pairs[:5], moved))
-            off = np.abs(v[stays]).max(axis=1, initial=0.0) > NEGLIGIBLE * np.abs(k[stays, 0])
+            xy = xy + v
+            off = ~(np.abs(v).max(axis=1, initial=0.0) <= NEGLIGIBLE * np.abs(k[kept, 0]))
+            has = np.isfinite(xy).all(axis=1)
+            kept, xy, off = kept[has], xy[has], off[has]
             if not off.any():
-                return pairs
-        return tuple(a[~off] for a in pairs)
+                break
+        return kept[~off], xy[~off]
 
 
 class _CameraFigures:

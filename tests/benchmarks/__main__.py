@@ -46,6 +46,8 @@ studies   is a command of its own, python -m tests.benchmarks.studies: cases of 
           leave out (hours)
 coverage  is a command of its own, python -m tests.benchmarks.coverage: which lines of functions the
           short tests run, in the package and in each module
+precision_maps is a command of its own, python -m tests.benchmarks.precision_maps: precision maps
+          against 1 000 repeated adjustments, and their time for a million points
 reading   is a command of its own, python -m tests.benchmarks.reading: large files of each format
 record    fixed works beside a fixed work of numpy and pycolmap; a row for each is appended to
           tests/benchmarks/record.csv. It runs only where it is named.
