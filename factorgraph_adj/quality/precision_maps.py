@@ -342,7 +342,7 @@ class _BlockCovariance:
 
 def _sums(of: csr_array, products: Array) -> Array:
     """Return sums of matrices (n, r, c) over rays, by the incidence of rays, (k, r c)."""
-    return np.asarray(of @ products.reshape(len(products), -1))
+    return np.asarray(of @ products.reshape(len(products), products.shape[1] * products.shape[2]))
 
 
 def neighbours(points: Array, most: int) -> Iterator[Index]:

@@ -208,7 +208,7 @@ class Visibility:
         """Return the numbers of the rays that have an image (m,), and its coordinates (m, 2)."""
         frame = self.solution.network.frame
         kept, xy = np.arange(len(at)), k[:, 1:3].copy()
-        off = np.ones(len(at), dtype=bool)
+        off: Mask = np.ones(len(at), dtype=bool)
         for _ in range(STEPS_TO_THE_IMAGE):
             try:
                 v = image(
@@ -220,7 +220,8 @@ class Visibility:
                 kept, xy, off = kept[has], xy[has], off[has]
                 continue
             xy = xy + v
-            off = ~(np.abs(v).max(axis=1, initial=0.0) <= NEGLIGIBLE * np.abs(k[kept, 0]))
+            near = np.abs(v).max(axis=1, initial=0.0) <= NEGLIGIBLE * np.abs(k[kept, 0])
+            off = np.logical_not(near)
             has = np.isfinite(xy).all(axis=1)
             kept, xy, off = kept[has], xy[has], off[has]
             if not off.any():
