@@ -215,7 +215,7 @@ class Visibility:
                     frame, pose[kept], k[kept], at[kept], observed=xy, lens=lens, jacobians=False
                 ).residual
             except DegenerateError as error:
-                has = np.ones(len(kept), dtype=bool)
+                has: Mask = np.ones(len(kept), dtype=bool)
                 has[error.rows] = False
                 kept, xy, off = kept[has], xy[has], off[has]
                 continue
