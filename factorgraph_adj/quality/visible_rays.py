@@ -222,7 +222,7 @@ class Visibility:
             xy = xy + v
             near = np.abs(v).max(axis=1, initial=0.0) <= NEGLIGIBLE * np.abs(k[kept, 0])
             off = np.logical_not(near)
-            has = np.isfinite(xy).all(axis=1)
+            has = np.asarray(np.isfinite(xy).all(axis=1))
             kept, xy, off = kept[has], xy[has], off[has]
             if not off.any():
                 break
