@@ -173,6 +173,8 @@ def _run(options: argparse.Namespace, files: FilesOfRun) -> int:
         return code
     except (InputError, ApproximationError) as error:
         print_problems(error.problems)
+        for note in getattr(error, "__notes__", ()):
+            print(note, file=sys.stderr)
         return EXIT_BAD_INPUT
     except AdjustmentError as error:
         print_problems([Problem(str(error))])

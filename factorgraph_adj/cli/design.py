@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import re
+import shlex
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -35,7 +36,7 @@ from ..planning.targets import (
 from ..report.doubtful_results import unknowns_left_out
 from ..units import LENGTH
 from ..validate.network_structure import problems_with_lines
-from .input import add_project, read_input
+from .input import add_project, read_input, reading_options
 from .messages import EXIT_DOUBTFUL, EXIT_FINE, FURTHER_EXIT_CODES
 from .options import add_leave_out, add_probabilities, positive_count
 
@@ -57,7 +58,7 @@ def add_plan(look: argparse.ArgumentParser) -> None:
     look.add_argument("--targets", metavar="FILE", help="TOML with [[target]] tables to check")
     _add_common(look)
     add_leave_out(look)
-    look.set_defaults(run=_plan)
+    look.set_defaults(run=_plan, command="plan")
 
 
 def add_propose(wish: argparse.ArgumentParser) -> None:
@@ -82,7 +83,7 @@ def add_propose(wish: argparse.ArgumentParser) -> None:
     )
     add_leave_out(wish)
     _add_common(wish)
-    wish.set_defaults(run=_propose)
+    wish.set_defaults(run=_propose, command="propose")
 
 
 def _add_common(parser: argparse.ArgumentParser) -> None:
@@ -99,7 +100,7 @@ def _plan(options: argparse.Namespace) -> int:
         wishes = read_wishes(options.targets, project, candidates=False)
         if not wishes.targets:
             raise InputError(Problem("has no [[target]]", options.targets))
-    with _lines_of(project):
+    with _hint_at_adjustment(options, project), _lines_of(project):
         found = plan(
             project.network,
             wishes.targets,
@@ -135,12 +136,13 @@ def _propose(options: argparse.Namespace) -> int:
     chances = {"alpha": options.alpha, "power": options.power}
     rows = options.rows or DEFAULT_ROWS_LISTED
     if options.leave_out_undetermined:
-        with _lines_of(project):
+        with _hint_at_adjustment(options, project), _lines_of(project):
             project = replace(project, network=determined_part(as_planned(project.network)))
         for said in unknowns_left_out(project.network):
             print(said, file=sys.stderr)
     try:
-        found = propose(project.network, wishes.candidates, wishes.targets, **chances)
+        with _hint_at_adjustment(options, project):
+            found = propose(project.network, wishes.candidates, wishes.targets, **chances)
     except InputError as error:
         try:
             unmet = _unmet(project, wishes, **chances)
@@ -164,6 +166,37 @@ def _lines_of(project: Project) -> Iterator[None]:
         yield
     except InputError as error:
         raise InputError(problems_with_lines(error.problems, project.sources)) from None
+
+
+@contextmanager
+def _hint_at_adjustment(options: argparse.Namespace, project: Project) -> Iterator[None]:
+    """Note, where coordinates are missing, the command that gives those of a measured network.
+
+    A design whose observations have no values cannot be adjusted: it needs coordinates of a map.
+    """
+    try:
+        yield
+    except InputError as error:
+        network = project.network
+        missing = [n for n, p in network.points.items() if not np.isfinite(p.coordinates).all()]
+        if not missing or not _has_readings(options):
+            raise
+        words = ["factorgraph-adj", "adjust", str(options.project), *reading_options(options)]
+        command = shlex.join([*words, "--export", "next/project.toml"])
+        error.add_note(
+            f"These points are measured: {command} writes the adjusted network, with their "
+            f"coordinates; then: factorgraph-adj {options.command} next"
+        )
+        raise
+
+
+def _has_readings(options: argparse.Namespace) -> bool:
+    """Return whether the observations of the project have values."""
+    try:
+        network = read_input(options).network
+    except InputError:
+        return False
+    return bool(network.observations)
 
 
 @dataclass(frozen=True)

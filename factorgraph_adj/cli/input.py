@@ -188,6 +188,18 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
     add_grid(parser)
 
 
+def reading_options(options: argparse.Namespace) -> list[str]:
+    """Return the options of `add_reading` that were typed, as words for another command."""
+    single = (
+        *(("--from", options.read_as), ("--crs", options.crs), ("--geoid", options.geoid)),
+        *(("--heights", options.heights), ("--frame", options.frame)),
+    )
+    out = [word for name, value in single if value is not None for word in (name, str(value))]
+    for name, values in (("--set", options.reading), ("--grid", options.grid)):
+        out += [word for value in values for word in (name, value)]
+    return out + ["--allow-outside"] * options.allow_outside
+
+
 def read_input(
     options: argparse.Namespace, path: str | None = None, *, readings: bool = True
 ) -> Project:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import get_args
 
@@ -18,6 +18,7 @@ from ..io.project import Project
 from ..io.readers import READERS
 from ..io.writers import WRITERS
 from ..network.joined_networks import Sets, join
+from ..network.network import Network
 from ..orientation.choice_of_start import start_or_problems
 from ..report.doubtful_results import notes_of_network
 from ..validate.mistyped_names import mistyped_at_start
@@ -202,7 +203,19 @@ def add_join(parser: argparse.ArgumentParser) -> None:
     add_writing(parser)
     add_reading(parser)
     add_sets(parser)
+    add_points(parser)
     parser.set_defaults(run=_join)
+
+
+def add_points(parser: argparse.ArgumentParser) -> None:
+    """Add the option of another project that gives the points."""
+    parser.add_argument(
+        "--points",
+        metavar="PROJECT",
+        help="coordinates and datum (what is held, weighted, or carries a free datum) of the "
+        "points of the files, from another project, such as the adjusted one of the epoch before; "
+        "nothing else of it",
+    )
 
 
 def add_sets(parser: argparse.ArgumentParser) -> None:
@@ -222,13 +235,17 @@ def _join(options: argparse.Namespace) -> int:
     projects = read_files(options)
     for project in projects:
         print_warnings(project.warnings)
-    network = joined_project(projects, options).network
+    given = given_points(projects, options)
+    network = joined_project(projects, options, given).network
     WRITERS.write(network, options.out, format=options.to, options=writing)
     print(
         f"{options.out}: {len(network.points)} points, {len(network.photos)} photos, "
         f"{network.n_image_points} image points and {len(network.observations)} other "
         f"observations of {len(projects)} files"
     )
+    if given is not None:
+        for said in given.compared():
+            print(f"  {said}")
     return EXIT_FINE
 
 
@@ -289,10 +306,66 @@ def _settings_of(given: Sequence[str], readers: dict[str, Reader]) -> dict[str, 
     return out
 
 
-def joined_project(projects: Sequence[Project], options: argparse.Namespace) -> Project:
+@dataclass(frozen=True)
+class GivenPoints:
+    """Points of another project, for the files of a survey."""
+
+    name: str
+    """File or folder of the project, as typed."""
+    network: Network
+    """The points that the files have too, with their datum, and nothing else."""
+    absent: tuple[str, ...]
+    """Points of the project that no file has."""
+    new: tuple[str, ...]
+    """Points of the files that the project does not have."""
+
+    def compared(self) -> Iterator[str]:
+        """Yield which points are given, which of the project were not measured, which are new."""
+        yield f"{len(self.network.points)} points have the coordinates and datum of {self.name}"
+        if self.absent:
+            yield f"not in these files, and left out: {known(self.absent)}"
+        if self.new:
+            yield f"not in {self.name}: {known(self.new)}"
+
+
+def given_points(projects: Sequence[Project], options: argparse.Namespace) -> GivenPoints | None:
+    """Return the points of the project that --points names; None: it names none.
+
+    Raises:
+        InputError: the project has problems, or none of the points of the files.
+    """
+    if options.points is None:
+        return None
+    other = READERS.load(options.points, readings=False, allow_outside=options.allow_outside)
+    source = other.network
+    measured = dict.fromkeys(n for p in projects for n in p.network.points)
+    both = {name: point for name, point in source.points.items() if name in measured}
+    if not both:
+        what = (
+            f"has none of the points of the files; it has {known(source.points)}, "
+            f"they have {known(measured)}"
+        )
+        raise InputError(Problem(what, f"--points {options.points}"))
+    network = Network(
+        source.name or str(options.points), frame=source.frame, datum=source.datum, crs=source.crs
+    )
+    network.points = both
+    network.point_number = {name: i for i, name in enumerate(both)}
+    return GivenPoints(
+        str(options.points),
+        network,
+        tuple(n for n in source.points if n not in both),
+        tuple(n for n in measured if n not in both),
+    )
+
+
+def joined_project(
+    projects: Sequence[Project], options: argparse.Namespace, given: GivenPoints | None = None
+) -> Project:
     """Return one project of all: files in a grid together, then with those on the Earth.
 
-    A book of a level has no plan, so that it leaves the grid with the points of the others.
+    A book of a level has no plan, so that it leaves the grid with the points of the others. Given
+    points come first: their coordinates are those of the joined network unless a file holds others.
     """
     system = stated_reference_system(options)
     local = [p for p in projects if isinstance(p.network.frame, LocalFrame)]
@@ -305,6 +378,10 @@ def joined_project(projects: Sequence[Project], options: argparse.Namespace) -> 
         network=join((p.network for p in local), sets=options.sets),
         sources=sources,
     )
+    if given is not None:
+        # The name is that of the survey, not of the project that gives the points.
+        joined = join((given.network, first.network), name=first.network.name)
+        first = replace(first, network=joined)
     if system is not None:
         grid = parsed_settings(options.grid, "--grid")
         first = project_on_earth(first, system, grid, options.frame or "geocentric")

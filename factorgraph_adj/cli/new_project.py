@@ -23,7 +23,15 @@ from ..io.project_writer import write_project
 from ..io.readers import READERS
 from .input import PROJECT_HELP, add_reading
 from .messages import print_warnings
-from .network_files import add_sets, check_project, joined_project, read_files
+from .network_files import (
+    GivenPoints,
+    add_points,
+    add_sets,
+    check_project,
+    given_points,
+    joined_project,
+    read_files,
+)
 
 OR_OF_FILE = "or what the file states"
 USUAL_ACCURACIES = {
@@ -53,6 +61,7 @@ def add_new(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("files", metavar="FILE", nargs="+", help=PROJECT_HELP)
     add_reading(parser)
     add_sets(parser)
+    add_points(parser)
     parser.add_argument(
         "--yes", action="store_true", help="ask nothing: take the usual values, and say which"
     )
@@ -75,9 +84,10 @@ def _new(options: argparse.Namespace) -> int:
     projects = read_files(options)
     for project in projects:
         print_warnings(project.warnings)
-    project = joined_project(projects, options)
+    given = given_points(projects, options)
+    project = joined_project(projects, options, given)
     write_project(project.network, main, heading=_heading(options, project, readers, assumed))
-    _print_made(main, project, assumed)
+    _print_made(main, project, assumed, given)
     code = check_project(READERS.load(folder), every=options.all)
     print(f"next: factorgraph-adj adjust {folder}")
     return code
@@ -98,7 +108,8 @@ def _answers(options: argparse.Namespace, readers: Sequence[Reader], assumed: As
     for name, usual, words in assumed:
         if answer := input(f"{words} [{usual}]: ").strip():
             out.append(f"{name}={answer}")
-    if "fixed" not in stated and any("fixed" in reader.options for reader in readers):
+    told = "fixed" in stated or options.points is not None
+    if not told and any("fixed" in reader.options for reader in readers):
         names = input("points held at the coordinates of the files, such as A,B [none]: ").strip()
         if names:
             out.append(f"fixed={names}")
@@ -117,6 +128,8 @@ def _heading(
         for file, reader in zip(options.files, readers, strict=True)
     )
     yield f"Project of factorgraph-adj, made from {sources}."
+    if options.points is not None:
+        yield f"Coordinates and datum of points are those of {options.points}."
     if options.reading:
         yield f"Options of reading: {', '.join(options.reading)}."
     if assumed:
@@ -133,13 +146,18 @@ def _heading(
     yield ""
 
 
-def _print_made(main: Path, project: Project, assumed: Assumed) -> None:
-    """Print what was written, and what was assumed."""
+def _print_made(main: Path, project: Project, assumed: Assumed, given: GivenPoints | None) -> None:
+    """Print what was written, where its points are from, and what was assumed."""
     network = project.network
     held = [p.name for p in network.points.values() if p.held]
     print(f"{main}: {len(network.points)} points, {len(network.observations)} observations")
+    for said in () if given is None else given.compared():
+        print(f"  {said}")
     if network.datum == "free":
-        print(f"  {FREE_DATUM}; --set fixed=A,B holds points at the coordinates of the files")
+        print(
+            f"  {FREE_DATUM}; --set fixed=A,B holds points at the coordinates of the files, "
+            "--points PROJECT has coordinates and datum of another epoch"
+        )
     else:
         print(f"  held: {', '.join(held)}")
     for name, usual, words in assumed:
