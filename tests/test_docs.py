@@ -35,7 +35,7 @@ import pytest
 
 import factorgraph_adj
 from docs._ext.kinds import with_kinds
-from factorgraph_adj.cli.command_line import _parser, main
+from factorgraph_adj.cli.command_line import command_parser, main
 from factorgraph_adj.export.formats import EXPORT_FORMATS
 from factorgraph_adj.io.readers import READERS
 from factorgraph_adj.io.writers import WRITERS
@@ -346,7 +346,7 @@ NAMED_BY_CONTENT = {"openmvg", "micmac"}
 
 def commands() -> dict[str, argparse.ArgumentParser]:
     """Return the commands with their parsers."""
-    subparsers = [a for a in _parser()._actions if isinstance(a, argparse._SubParsersAction)]
+    subparsers = [a for a in command_parser()._actions if isinstance(a, argparse._SubParsersAction)]
     (found,) = subparsers
     return {name: command.filled() for name, command in found.choices.items()}
 

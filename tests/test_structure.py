@@ -83,6 +83,7 @@ of one entry may import one another, those of two entries of a line may not."""
 DECLARED = {"gtsam", "numpy", "scipy", "threadpoolctl"}
 EXTRAS = {
     "rich": ("cli",),
+    "shtab": ("cli",),
     "matplotlib": ("report",),
     "distributed": ("experiment", "parts"),
     "pandas": ("experiment", "columns", "solve", "export"),

@@ -1,7 +1,7 @@
 """Command ``factorgraph-adj``: its table of commands, parsers that suggest words, exit codes.
 
 Commands are new, check, convert, join, map, fetch-example, formats, compare, adjust, plot, stream,
-plan, propose. Each adds its arguments when it is called, and returns an exit code of
+plan, propose, completion. Each adds its arguments when it is called, and returns an exit code of
 `cli.messages`. Errors go to stderr as a list with one problem in each line.
 """
 
@@ -12,7 +12,7 @@ import io
 import os
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from importlib import import_module
 from typing import Any, NoReturn
 
@@ -54,6 +54,11 @@ COMMAND_MODULES = {
     ),
     "formats": ("formats", "add_formats", "list the formats that are read and written"),
     "compare": ("comparison", "add_compare", "adjust two epochs and tell what moved"),
+    "completion": (
+        "shell_completion",
+        "add_completion",
+        "print the script with which a shell completes the command",
+    ),
 }
 """Module, function that adds the arguments, and what each command does."""
 
@@ -77,11 +82,15 @@ class SuggestingParser(argparse.ArgumentParser):
     def options(self) -> list[str]:
         """Return the options of the parser and of all its commands."""
         out = [name for name in self._option_string_actions if name.startswith("--")]
+        for command in self.commands():
+            out += command.options()
+        return list(dict.fromkeys(out))
+
+    def commands(self) -> Iterator[SuggestingParser]:
+        """Yield the parsers of all its commands."""
         for action in self._actions:
             if isinstance(action, argparse._SubParsersAction):
-                for command in action.choices.values():
-                    out += command.options()
-        return list(dict.fromkeys(out))
+                yield from action.choices.values()
 
 
 class CommandParser(SuggestingParser):
@@ -156,7 +165,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     streams = {n: s for n in ("stdout", "stderr") if isinstance(s := getattr(sys, n), _TEXT)}
     for stream in streams.values():
         stream.reconfigure(errors="replace")  # the terminal's encoding may lack σ
-    options = _parser().parse_args(arguments)
+    options = command_parser().parse_args(arguments)
     options.typed = list(sys.argv[1:] if arguments is None else arguments)
     if not options.ends_with_reader:
         for name, stream in streams.items():
@@ -206,8 +215,9 @@ def _written(files: FilesOfRun) -> str:
     return f"{n} file{'s are' if n > 1 else ' is'} written already, in {folders}"
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser: argparse.ArgumentParser = SuggestingParser(
+def command_parser() -> SuggestingParser:
+    """Return the parser of the command, with a parser for each of its commands."""
+    parser = SuggestingParser(
         prog="factorgraph-adj",
         description="Combined adjustment of terrestrial and photogrammetric observations.",
         epilog=EXIT_CODES,
