@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from inspect import Parameter, signature
+from inspect import Parameter, Signature, signature
 from typing import Any, TypeVar
 
 from .errors import InputError, Problem, known
@@ -16,6 +16,12 @@ MAX_SHOWN_CHARACTERS = 40
 
 class ChecksArguments(type):
     """Class of classes whose constructors say which arguments are missing, unknown or too many."""
+
+    @property
+    def __signature__(cls) -> Signature:
+        """Arguments of the constructor, which ``help`` and editors show."""
+        own = signature(cls.__init__)  # type: ignore[misc]
+        return own.replace(parameters=list(own.parameters.values())[1:])
 
     def __call__(cls: type[_T], *values: Any, **named: Any) -> _T:
         """Return an instance.

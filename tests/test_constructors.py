@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pydoc
 from inspect import Parameter, isclass, signature
 
 import pytest
@@ -76,3 +77,12 @@ def test_an_error_of_the_code_of_a_constructor_stays_what_it_is() -> None:
 
     with pytest.raises(TypeError, match="an error inside P"):
         Stated("P")
+
+
+def test_the_signature_of_a_class_is_that_of_its_constructor():
+    shown = signature(fga.SlopeDistance).parameters
+    own = signature(fga.SlopeDistance.__init__).parameters
+    assert list(shown) == list(own)[1:]
+    assert list(shown)[:3] == ["station", "target", "value"]
+    assert shown["sigma"].kind is Parameter.KEYWORD_ONLY
+    assert "*values" not in pydoc.plain(pydoc.render_doc(fga.SlopeDistance)).split("Method")[0]
