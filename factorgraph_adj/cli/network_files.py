@@ -94,7 +94,7 @@ def check_project(project: Project, *, every: bool = False) -> int:
     name = network.name or "a network without a name"
     if not found and not without:
         print(f"{name}: no problems found in {content}; approximate values are there")
-        _print_notes(noted)
+        print_notes(noted)
         return EXIT_FINE
     print(f"{name}: {content}")
     if found:
@@ -108,11 +108,11 @@ def check_project(project: Project, *, every: bool = False) -> int:
         print("adjust will find no approximate values for:")
         for line in problem_lines(without, every=every):
             print(line)
-    _print_notes(noted)
+    print_notes(noted)
     return EXIT_DOUBTFUL
 
 
-def _print_notes(noted: Sequence[str]) -> None:
+def print_notes(noted: Sequence[str]) -> None:
     """Print what is no doubt: what the reader left out, as it always does, and copied returns."""
     for one in noted:
         print(f"note: {one}")

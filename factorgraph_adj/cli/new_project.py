@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, known
 from ..io.field_books.accuracies import (
     DEFAULT_CENTRING_MM,
     DEFAULT_DIRECTION_MGON,
@@ -21,6 +21,7 @@ from ..io.format_reader import Reader
 from ..io.project import Project
 from ..io.project_writer import write_project
 from ..io.readers import READERS
+from ..network.network import Network
 from .input import PROJECT_HELP, add_reading
 from .messages import print_warnings
 from .network_files import (
@@ -30,23 +31,55 @@ from .network_files import (
     check_project,
     given_points,
     joined_project,
+    print_notes,
     read_files,
 )
 
 OR_OF_FILE = "or what the file states"
-USUAL_ACCURACIES = {
-    "sigma_direction_mgon": (DEFAULT_DIRECTION_MGON, f"σ of a direction in one face, {OR_OF_FILE}"),
-    "sigma_zenith_mgon": (DEFAULT_ZENITH_MGON, f"σ of a zenith angle in one face, {OR_OF_FILE}"),
-    "sigma_distance_mm": (DEFAULT_DISTANCE_MM, f"constant part of σ of a distance, {OR_OF_FILE}"),
-    "ppm": (DEFAULT_DISTANCE_PPM, "part of σ of a distance that grows, mm/km"),
-    "centring_mm": (DEFAULT_CENTRING_MM, "σ of centring of instrument and target, mm"),
-    "sigma_levelling_mm": (DEFAULT_LEVELLING_MM, "σ of 1 km of levelled line, mm"),
-    "faces": ("means", "readings in two faces: means or both"),
-    "refraction": (DEFAULT_REFRACTION, "coefficient of refraction; none: heights above a plane"),
+SIGHT_KINDS = ("direction", "zenith_angle", "slope_distance", "horizontal_distance")
+USUAL_ACCURACIES: dict[str, tuple[object, str, tuple[str, ...]]] = {
+    "sigma_direction_mgon": (
+        DEFAULT_DIRECTION_MGON,
+        f"σ of a direction in one face, {OR_OF_FILE}",
+        ("direction",),
+    ),
+    "sigma_zenith_mgon": (
+        DEFAULT_ZENITH_MGON,
+        f"σ of a zenith angle in one face, {OR_OF_FILE}",
+        ("zenith_angle",),
+    ),
+    "sigma_distance_mm": (
+        DEFAULT_DISTANCE_MM,
+        f"constant part of σ of a distance, {OR_OF_FILE}",
+        ("slope_distance", "horizontal_distance"),
+    ),
+    "ppm": (
+        DEFAULT_DISTANCE_PPM,
+        "part of σ of a distance that grows, mm/km",
+        ("slope_distance", "horizontal_distance"),
+    ),
+    "centring_mm": (
+        DEFAULT_CENTRING_MM,
+        "σ of centring of instrument and target, mm",
+        SIGHT_KINDS,
+    ),
+    "sigma_levelling_mm": (
+        DEFAULT_LEVELLING_MM,
+        "σ of 1 km of levelled line, mm",
+        ("height_difference",),
+    ),
+    "faces": ("means", "readings in two faces: means or both", ("direction", "zenith_angle")),
+    "refraction": (
+        DEFAULT_REFRACTION,
+        "coefficient of refraction; none: heights above a plane",
+        ("zenith_angle",),
+    ),
 }
-"""Usual values of the options of field books, and what they are."""
+"""Usual values of the options of field books, what they are, and kinds that they concern."""
 Assumed = Sequence[tuple[str, object, str]]
 """Options that nobody stated: names, usual values, words."""
+MAX_NAMES = 20
+"""Largest number of points that are named."""
 FREE_DATUM = "nothing is held: the network is free"
 
 
@@ -80,12 +113,12 @@ def _new(options: argparse.Namespace) -> int:
     assumed = list(_assumed(readers, options.reading))
     if not options.yes and sys.stdin.isatty():
         options.reading += _answers(options, readers, assumed)
-        assumed = list(_assumed(readers, options.reading))
     projects = read_files(options)
     for project in projects:
         print_warnings(project.warnings)
     given = given_points(projects, options)
     project = joined_project(projects, options, given)
+    assumed = list(_assumed(readers, options.reading, project.network))
     write_project(project.network, main, heading=_heading(options, project, readers, assumed))
     _print_made(main, project, assumed, given)
     code = check_project(READERS.load(folder), every=options.all)
@@ -93,11 +126,15 @@ def _new(options: argparse.Namespace) -> int:
     return code
 
 
-def _assumed(readers: Sequence[Reader], given: Sequence[str]) -> Iterator[tuple[str, object, str]]:
-    """Yield the options of accuracy that nobody stated: name, usual value, words."""
+def _assumed(
+    readers: Sequence[Reader], given: Sequence[str], network: Network | None = None
+) -> Iterator[tuple[str, object, str]]:
+    """Yield options of accuracy that nobody stated and the network needs: name, value, words."""
     stated = {text.partition("=")[0].rpartition(":")[2] for text in given}
-    for name, (usual, words) in USUAL_ACCURACIES.items():
-        if name not in stated and any(name in reader.options for reader in readers):
+    for name, (usual, words, kinds) in USUAL_ACCURACIES.items():
+        of_readers = any(name in reader.options for reader in readers)
+        concerned = network is None or any(o.kind in kinds for o in network.observations.values())
+        if name not in stated and of_readers and concerned:
             yield name, usual, words
 
 
@@ -137,6 +174,7 @@ def _heading(
         yield "with --set NAME=VALUE):"
         yield from (f"  {name} = {usual}  {words}" for name, usual, words in assumed)
     network = project.network
+    yield from network.remarks
     if network.datum == "free":
         yield f'{FREE_DATUM.capitalize()}. To hold points, write datum = "given"'
         yield "and xyz in the column fixed of points.csv, behind their coordinates."
@@ -146,10 +184,26 @@ def _heading(
     yield ""
 
 
+def _held_points(network: Network) -> Iterator[tuple[str, list[str]]]:
+    """Yield which points are held, beside what the network holds of all of them.
+
+    A network of heights holds all points in plan, and a plane one in height.
+    """
+    every = ["".join(a for a in "xyz" if a in p.held) for p in network.points.values()]
+    of_all = {a for a in "xyz" if every and all(a in held for held in every)}
+    of_all = set() if of_all == set("xyz") else of_all
+    of_kind: dict[str, list[str]] = {}
+    for point, held in zip(network.points.values(), every, strict=True):
+        if own := "".join(a for a in held if a not in of_all):
+            of_kind.setdefault(own, []).append(point.name)
+    whole = "".join(a for a in "xyz" if a not in of_all)
+    for axes, names in of_kind.items():
+        yield "held" if axes == whole else f"held in {', '.join(axes)}", names
+
+
 def _print_made(main: Path, project: Project, assumed: Assumed, given: GivenPoints | None) -> None:
     """Print what was written, where its points are from, and what was assumed."""
     network = project.network
-    held = [p.name for p in network.points.values() if p.held]
     print(f"{main}: {len(network.points)} points, {len(network.observations)} observations")
     for said in () if given is None else given.compared():
         print(f"  {said}")
@@ -158,7 +212,8 @@ def _print_made(main: Path, project: Project, assumed: Assumed, given: GivenPoin
             f"  {FREE_DATUM}; --set fixed=A,B holds points at the coordinates of the files, "
             "--points PROJECT has coordinates and datum of another epoch"
         )
-    else:
-        print(f"  held: {', '.join(held)}")
+    for words, names in _held_points(network):
+        print(f"  {words}: {known(names, most=MAX_NAMES)}")
+    print_notes([*(str(left) for left in network.left_out), *network.remarks])
     for name, usual, words in assumed:
         print(f"  assumed: {name} = {usual} ({words})")

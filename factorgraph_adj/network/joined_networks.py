@@ -120,7 +120,12 @@ def _apart(frame: Frame, first: Frame) -> str:
 
 
 def _idle(network: Network) -> tuple[bool, ...]:
-    """Return the components that a network holds of every point because it has no use for them."""
+    """Return the components that a network holds of every point because it has no use for them.
+
+    A list of points has no observations: what it holds is control.
+    """
+    if not network.observations and not network.n_image_points:
+        return (False,) * 3
     every = tuple(
         all(held) for held in zip(*(p.fixed for p in network.points.values()), strict=True)
     )
@@ -141,6 +146,8 @@ class _Stated:
     """Standard deviation, metres; infinite unless weighted."""
     idle: bool
     """Whether the network holds it of every point."""
+    observed: bool
+    """Whether the network observes the point."""
 
     @property
     def binds(self) -> bool:
@@ -157,11 +164,12 @@ def _points(
 ) -> dict[str, Point]:
     """Return the points of all networks."""
     idle = [_idle(n) for n in networks]
+    observed = [_observed_points(n) for n in networks]
     out = {}
     for name in dict.fromkeys(n for network in networks for n in network.points):
         own = [
-            (network.points[name], label, flags)
-            for network, label, flags in zip(networks, labels, idle, strict=True)
+            (network.points[name], label, flags, name in seen)
+            for network, label, flags, seen in zip(networks, labels, idle, observed, strict=True)
             if name in network.points
         ]
         if len(own) == 1:
@@ -170,11 +178,13 @@ def _points(
         chosen = []
         for i, axis in enumerate(_AXES):
             given = [
-                _Stated(label, p.coordinates[i], p.fixed[i], (p.sigma or (np.inf,) * 3)[i], f[i])
-                for p, label, f in own
+                _Stated(
+                    label, p.coordinates[i], p.fixed[i], (p.sigma or (np.inf,) * 3)[i], f[i], seen
+                )
+                for p, label, f, seen in own
             ]
             chosen.append(_component(given, f"point {name!r}", axis, problems))
-        checks = {p.check: label for p, label, _ in own if p.check is not None}
+        checks = {p.check: label for p, label, *_ in own if p.check is not None}
         if len(checks) > 1:
             what = f"has different check coordinates in {' and '.join(map(repr, checks.values()))}"
             problems.append(Problem(what, f"point {name!r}"))
@@ -186,10 +196,10 @@ def _points(
             (x, y, z),
             (a, b, c),
             None if np.isinf(sigma).all() else (sigma[0], sigma[1], sigma[2]),
-            any(p.datum for p, _, _ in own),
+            any(p.datum for p, *_ in own),
             next(iter(checks), None),
             # What another network determines as well is no side shot of the whole.
-            all(p.side_shot for p, _, _ in own) and len(own) == 1,
+            all(p.side_shot for p, *_ in own) and len(own) == 1,
         )
     return out
 
@@ -206,8 +216,20 @@ def _component(given: Sequence[_Stated], where: str, axis: str, problems: list[P
             problems.append(Problem(what, where))
     if binding:
         return binding[0]
-    used = [c for c in given if not c.idle] or list(given)
+    # A list that does not know a component of a point does not ask for it: a bench mark of a list
+    # of heights stays where the levelled line has it in plan.
+    used = [c for c in given if not c.idle and (c.observed or c.value == c.value)]
+    used = used or [c for c in given if c.idle] or list(given)
     return next((c for c in used if c.value == c.value), used[0])
+
+
+def _observed_points(network: Network) -> set[str]:
+    """Return the names of the points that a network observes."""
+    out = {name for o in network.observations.values() for name in o.points()}
+    if network.n_image_points:
+        names = list(network.points)
+        out |= {names[i] for i in np.unique(network.images.columns()[1]).tolist()}
+    return out
 
 
 def _statement(c: _Stated) -> str:

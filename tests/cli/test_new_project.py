@@ -34,7 +34,10 @@ def test_the_project_is_the_network_of_the_files(tmp_path, book, capsys):
     assert said.rstrip().endswith(f"next: factorgraph-adj adjust {site}")
     text = (site / "project.toml").read_text(encoding="utf-8")
     assert text.startswith("# Project of factorgraph-adj, made from book.gsi (Leica GSI")
-    for name, (usual, _) in USUAL_ACCURACIES.items():
+    for name, (usual, _, kinds) in USUAL_ACCURACIES.items():
+        if "height_difference" in kinds:
+            assert name not in text
+            continue
         assert f"#   {name} = {usual}  " in text
         assert f"assumed: {name} = {usual} (" in said
 
@@ -52,7 +55,7 @@ def test_what_is_stated_is_not_assumed(tmp_path, book, capsys):
 def test_usual_values_are_those_of_the_readers():
     """Of None in the class, its properties know the usual value."""
     a = DEFAULT_ACCURACIES
-    for name, (usual, _) in USUAL_ACCURACIES.items():
+    for name, (usual, *_) in USUAL_ACCURACIES.items():
         stated = getattr(a, name)
         if stated is not None:
             assert stated == usual
@@ -98,3 +101,18 @@ def test_a_project_is_not_overwritten_and_problems_write_nothing(tmp_path, book,
     assert (site / "project.toml").read_bytes() == before
     assert main(["new", str(book), str(book)]) == 2
     assert "is a file; valid: a folder that is made" in capsys.readouterr().err
+
+
+def test_only_what_the_network_needs_is_assumed_and_control_of_a_list_stays(tmp_path, capsys):
+    """A levelled table and a list of heights: bench marks are held in height alone."""
+    (tmp_path / "lev.csv").write_text("von;bis;dH;Länge (km)\nA;B;1,2;0,31\nB;A;-1,2;0,28\n")
+    (tmp_path / "h.csv").write_text("Punkt;Höhe;fest\nA;100,000;z\n")
+    guess = ["--set", "mapping=guess"]
+    files = [str(tmp_path / "lev.csv"), str(tmp_path / "h.csv")]
+    assert main(["new", str(tmp_path / "site"), *files, *guess, "--yes"]) == 0
+    said = capsys.readouterr().out
+    assert "  held: A\n" in said
+    assert [w for w in USUAL_ACCURACIES if f"assumed: {w} " in said] == ["sigma_levelling_mm"]
+    network = fga.read(tmp_path / "site")
+    assert network.points["A"].held == "xyz" and network.points["B"].held == "xy"
+    assert fga.adjust(network).point("B")[2] == pytest.approx(101.2)

@@ -209,3 +209,54 @@ def photos() -> Network:
 def test_join_takes_networks(given: list[object]) -> None:
     with pytest.raises(fga.InputError, match="join takes a list of networks"):
         fga.join(given)  # type: ignore[arg-type]
+
+
+def levelled_line() -> fga.Network:
+    """Return a line as a field book has it: points that were levelled alone are held in plan."""
+    network = fga.Network("levelled")
+    for name in ("HP", "P"):
+        network.add_point(name, (0.0, 0.0, np.nan), fixed="xy")
+    network.add(fga.HeightDifference("HP", "P", 1.5, sigma=0.001))
+    return network
+
+
+@pytest.mark.parametrize("held", ["xy", "z", "xyz"])
+def test_what_a_list_of_points_holds_of_all_of_them_is_control(held):
+    """A list has no observations: it holds nothing because it has no use for it."""
+    book = fga.Network("book", datum="free")
+    for name in ("A", "B"):
+        book.add_point(name)
+    book.add(fga.SlopeDistance("A", "B", 100.0, sigma=0.002))
+    control = fga.Network("control")
+    place = {"A": (1.0, 2.0, 3.0), "B": (101.0, 2.0, 3.0)}
+    for name, at in place.items():
+        known = tuple(v if a in held else np.nan for a, v in zip("xyz", at, strict=True))
+        control.add_point(name, known, fixed=held)
+    joined = fga.join([book, control])
+    for name, at in place.items():
+        point = joined.points[name]
+        assert point.held == held
+        for axis, i in zip("xyz", range(3), strict=True):
+            assert (axis in held) == (point.coordinates[i] == at[i])
+
+
+def test_a_bench_mark_of_a_list_of_heights_stays_where_its_line_has_it():
+    control = fga.Network("heights")
+    control.add_point("HP", (np.nan, np.nan, 95.21), fixed="z")
+    joined = fga.join([levelled_line(), control])
+    assert joined.points["HP"].held == "xyz"
+    assert joined.points["HP"].coordinates == (0.0, 0.0, 95.21)
+    assert fga.adjust(joined).point("P")[2] == pytest.approx(96.71)
+
+
+def test_a_point_that_another_network_observes_in_plan_is_free_there():
+    book = fga.Network("book", datum="free")
+    for name in ("S", "P", "Q"):
+        book.add_point(name)
+    book.add(
+        fga.SlopeDistance("S", "P", 10.0, sigma=0.002),
+        fga.SlopeDistance("S", "Q", 10.0, sigma=0.002),
+    )
+    joined = fga.join([levelled_line(), book])
+    assert joined.points["P"].held == ""
+    assert joined.points["HP"].held == "xy"

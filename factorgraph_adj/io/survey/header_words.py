@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from collections.abc import Iterable
 
 HEADER_WORDS: dict[str, dict[str, str]] = {
     "name": {
@@ -73,8 +74,8 @@ HEADER_WORDS: dict[str, dict[str, str]] = {
     },
     "station": {
         "en": "station from at stn occupied setup standpoint rts back backsight",
-        "de": "standpunkt von stp stand instrumentenstandpunkt",
-        "fr": "station de depuis",
+        "de": "standpunkt von stp stand instrumentenstandpunkt startpunkt anfangspunkt anfang",
+        "fr": "station de depuis depart point_de_depart",
         "es": "estacion desde",
         "it": "stazione da",
         "pt": "estacao de",
@@ -85,8 +86,8 @@ HEADER_WORDS: dict[str, dict[str, str]] = {
     },
     "target": {
         "en": "target to sighted observed fore foresight",
-        "de": "ziel zielpunkt nach zp",
-        "fr": "cible vise vers point_vise",
+        "de": "ziel zielpunkt nach zp bis endpunkt ende",
+        "fr": "cible vise vers point_vise a arrivee point_d_arrivee",
         "es": "objetivo hacia visado punto_visado",
         "it": "collimato verso punto_collimato",
         "pt": "alvo visado para ponto_visado",
@@ -195,7 +196,7 @@ HEADER_WORDS: dict[str, dict[str, str]] = {
     "difference": {
         "en": "dh dz delta_h deltah height_difference height_diff difference hdiff rise",
         "de": "hohenunterschied hoehenunterschied hohendifferenz hoehendifferenz",
-        "fr": "denivelee denivele",
+        "fr": "denivelee denivele difference_d_altitude difference_de_niveau",
         "es": "desnivel",
         "it": "dislivello",
         "pt": "desnivel",
@@ -230,6 +231,19 @@ HEADER_WORDS: dict[str, dict[str, str]] = {
     },
 }
 """Words in a header by column of a mapping and language, as `header_word` writes them."""
+LEVEL_BOOK_WORDS = {
+    "en": "backsight foresight intermediate intermediate_sight bs fs is",
+    "de": "ruckblick rueckblick vorblick zwischenblick",
+    "fr": "lecture_arriere lecture_avant visee_arriere visee_avant",
+    "es": "lectura_atras lectura_adelante espalda frente",
+    "it": "lettura_indietro lettura_avanti battuta_indietro battuta_avanti",
+    "pt": "vista_de_re vista_a_re vista_a_vante",
+    "nl": "terugblik achterbaak voorbaak",
+    "pl": "odczyt_wstecz odczyt_w_przod",
+    "hu": "hatra elore",
+    "ru": "отсчет_назад отсчет_вперед",
+}
+"""Words of headers of readings to staves by language, as `header_word` writes them."""
 UNIT_WORDS = {
     "m": "m",
     "metres": "m",
@@ -284,6 +298,12 @@ def header_word(header: str) -> str:
         text = text[: ending.start()]
     plain = "".join(c for c in unicodedata.normalize("NFKD", text) if not unicodedata.combining(c))
     return re.sub(r"[\W_]+", "_", plain).strip("_")
+
+
+def is_level_book(headers: Iterable[str]) -> bool:
+    """Return whether two headers are those of readings to staves, backsights and foresights."""
+    words = {word for of in LEVEL_BOOK_WORDS.values() for word in of.split()}
+    return sum(header_word(header) in words for header in headers) >= 2
 
 
 def meanings(header: str) -> list[str]:

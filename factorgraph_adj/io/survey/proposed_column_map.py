@@ -16,7 +16,7 @@ from typing import Any
 
 from ...errors import InputError, Problem
 from ...files import read_bytes
-from .header_words import header_unit, meanings
+from .header_words import header_unit, is_level_book, meanings
 from .workbook import is_workbook, sheet_rows
 
 OPEN = "?"
@@ -37,6 +37,8 @@ READ_COLUMNS = {
 SIGHT_COLUMNS = ("direction", "zenith", "distance", "horizontal_distance")
 LARGEST_SIGMA = 0.1
 """A column s of levelled lines whose values are all smaller has σ in metres, not lengths."""
+MIN_METRES = 100.0
+"""Length of a levelled line from which its number without a unit is one of metres."""
 _POINT = re.compile(r"[+-]?\d+(\.\d*)?(e[+-]?\d+)?", re.IGNORECASE)
 _COMMA = re.compile(r"[+-]?\d+,\d+")
 _DMS = re.compile(r"\d{1,3}-\d{1,2}-\d{1,2}(\.\d*)?")
@@ -136,7 +138,7 @@ def guessed_mapping(path: Path, sheet: str | None = None, *, beside: bool = True
         beside: whether files beside it may have the points.
 
     Raises:
-        InputError: the file cannot be read.
+        InputError: the file cannot be read, or is a level book.
     """
     keys: dict[str, Any] = {}
     if is_workbook(path):
@@ -147,6 +149,13 @@ def guessed_mapping(path: Path, sheet: str | None = None, *, beside: bool = True
         rows = _text_rows(path, keys)
     line, header, body = _header(rows)
     keys["header"] = line
+    if is_level_book(header):
+        what = (
+            "is a level book of backsights and foresights, which is not read as a table: give "
+            "height differences (from, to, difference, length), or the file of the level, such as "
+            "GSI or DiNi M5"
+        )
+        raise InputError(Problem(what, f"{path.name}:{line}"))
     guess = GuessedMapping(path, header, keys)
     if any(_COMMA.fullmatch(c) for cells in body for c in cells):
         keys["decimal"] = ","
@@ -317,6 +326,15 @@ def _guess_units(guess: GuessedMapping, of_column: Mapping[str, Sequence[str]]) 
         guess.why["units.length"] = "the file does not say: m, mm, ft, us-ft …"
     if stated.get("length") and stated["length"] != guess.units.get("length"):
         guess.units["line"] = stated["length"]
+    elif "length" in guess.mapped and not stated["length"]:
+        cells = of_column.get(guess.mapped["length"], ())
+        lengths_of_lines = [abs(float(c)) for c in cells if _POINT.fullmatch(c)]
+        if lengths_of_lines and max(lengths_of_lines) < MIN_METRES:
+            guess.units["line"] = OPEN
+            longest = max(lengths_of_lines)
+            guess.why["units.line"] = (
+                f"m or km? the header does not say, the longest is {longest:g}"
+            )
     if guess.section == "points" and {"x", "y"} <= set(guess.mapped):
         guess.keys["axes"] = "en"
         guess.why["axes"] = "en: x is east; ne: x is north"
