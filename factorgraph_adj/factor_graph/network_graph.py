@@ -256,6 +256,10 @@ def _gaussian(whitener: Array) -> gtsam.noiseModel.Base:
     """Return the noise model of covariance (WᵀW)⁻¹.
 
     GTSAM silently reads only the upper triangle of a square root, but W is lower triangular. The
-    factor R of W = QR is upper triangular and RᵀR = WᵀW.
+    factor R of W = QR is upper triangular and RᵀR = WᵀW. Its diagonal is made positive: GTSAM takes
+    an R that is diagonal up to rounding for one of inverse standard deviations, and refuses
+    negative ones.
     """
-    return gtsam.noiseModel.Gaussian.SqrtInformation(np.linalg.qr(whitener, mode="r"))
+    r = np.linalg.qr(whitener, mode="r")
+    signs = np.where(np.diag(r) < 0, -1.0, 1.0)
+    return gtsam.noiseModel.Gaussian.SqrtInformation(signs[:, None] * r)

@@ -76,10 +76,10 @@ EXAMPLE_NETWORKS = {
         ),
         ExampleNetwork(
             "pose-graph",
-            "2 200 poses of a robot on a sphere with 8 647 relative poses",
+            "100 poses of a vehicle in plan with 300 relative poses",
             "BSD-2-Clause, of GTSAM",
-            "adjust sphere_smallnoise.graph",
-            of_gtsam=("sphere_smallnoise.graph",),
+            "adjust w100.graph",
+            of_gtsam=("w100.graph",),
         ),
         ExampleNetwork(
             "gnss-victoria",

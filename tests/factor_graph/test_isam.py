@@ -412,3 +412,15 @@ def test_what_is_not_determined_is_named_as_the_network_calls_it() -> None:
     with pytest.raises(fga.AdjustmentError, match="not determined, point 'bolt 7' or") as raised:
         fga.Isam(network)
     assert "p1" not in str(raised.value)
+
+
+@pytest.mark.parametrize("beside", [0.0, 1e-20, -1e-20, 1e-3])
+def test_a_covariance_that_is_diagonal_up_to_rounding_is_a_noise_model(beside: float) -> None:
+    """GTSAM takes such a square root for a diagonal one, whose elements must not be negative."""
+    network = fga.Network("vectors")
+    network.add_point("A", (0.0, 0.0, 0.0), fixed="xyz")
+    network.add_point("B", (1.0, 0.1, 0.0))
+    covariance = np.diag([0.01, 0.02, 0.03]) + beside * (np.ones((3, 3)) - np.eye(3))
+    network.add(fga.GnssVector("A", "B", (1.0, 0.0, 0.2), covariance=covariance))
+    found = fga.Isam(network).covariance("point", "B")
+    assert found == pytest.approx(covariance, rel=1e-9, abs=1e-15)
