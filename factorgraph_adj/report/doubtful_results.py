@@ -208,8 +208,11 @@ def exceedance_doubts(
     if not n or exceeded_by_chance(values, critical, alpha, redundancy):
         return []
     expected = alpha * np.isfinite(values).sum()
-    chance = f" (chance makes about {expected:.0f})" if expected >= 1 else ""
-    return [f"{n} test value{'s' * (n != 1)} above the critical |{name}| {critical:.2f}{chance}"]
+    chance = f"chance makes about {expected:.0f}" if expected >= 1 else ""
+    if chance and n <= expected:
+        chance += f", but not the largest, {np.nanmax(np.abs(values)):.2f}"
+    said = f" ({chance})" if chance else ""
+    return [f"{n} test value{'s' * (n != 1)} above the critical |{name}| {critical:.2f}{said}"]
 
 
 def exceeded_by_chance(
