@@ -13,7 +13,7 @@ import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any, TypeVar, cast
 
 from ..control_characters import has_control_characters, why_refused
@@ -55,7 +55,9 @@ class LeftOutReason:
     why: str
     """Why they are left out."""
     doubtful: bool = False
-    """Whether they were expected to be used: marks of known points."""
+    """Whether they were expected to be used: marks of known points, positions of photos."""
+    kept: Callable[[Network], int] = marks_of_known_points
+    """Number of rows of the sort that a network has; it counts for doubtful ones."""
 
 
 ROWS_SWITCHED_OFF = LeftOutReason("points and observations", "they are switched off in the file")
@@ -192,17 +194,24 @@ class Problems:
         self.raise_all()
 
     def _left_out(self, network: Network) -> Iterator[LeftOut]:
-        """Yield a record for each reason; that all marks of known points were left is a problem."""
+        """Yield a record for each reason; that a doubtful one left all rows is a problem."""
         for why, rows in self.left_out.items():
             names = tuple(dict.fromkeys(name for name, _ in rows))
             where = next((where for _, where in rows if where), "")
             left = LeftOut(why.what, why.why, names, len(rows), where=where, doubtful=why.doubtful)
             if why.doubtful:
-                kept = marks_of_known_points(network)
-                left = replace(left, of=kept + len(rows), hint=similar(names[0], network.photos))
+                kept = why.kept(network)
+                left = replace(left, of=kept + len(rows), hint=_similar_photo(names[0], network))
                 if not kept:
                     self.wrong(str(left), where)
             yield left
+
+
+def _similar_photo(name: str, network: Network) -> str:
+    """Return which photo may be meant: one with the name but for folder and suffix, or alike."""
+    stem = PurePosixPath(name).stem.casefold()
+    same = [photo for photo in network.photos if PurePosixPath(photo).stem.casefold() == stem]
+    return f"; did you mean {same[0]!r}?" if same else similar(name, network.photos)
 
 
 def is_unread(*values: object) -> bool:

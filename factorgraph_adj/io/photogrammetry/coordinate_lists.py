@@ -32,6 +32,12 @@ ANGLES_NOT_READ = LeftOutReason(
     "yaw, pitch and roll of photos", "bundle adjustment determines them better by far"
 )
 POSITIONS_WITHOUT_PHOTO = LeftOutReason("positions", "their images are not in the model")
+LOST_POSITIONS = LeftOutReason(
+    "positions of photos",
+    "their images are not in the model, while images of it have no position",
+    doubtful=True,
+    kept=lambda network: sum(o.kind == "photo_position" for o in network.observations.values()),
+)
 COLUMN_NAMES = {
     "photo": ("label", "image", "imagename", "image name", "sourcefile", "filename", "photo"),
     "longitude": ("x/longitude", "longitude", "gpslongitude", "lon"),

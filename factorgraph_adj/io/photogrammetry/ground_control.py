@@ -22,6 +22,7 @@ from ..source import LeftOutReason, Problems
 from .block_source import MARKS_WITHOUT_PHOTO
 from .colmap_reference import ControlMark, PositionPrior
 from .coordinate_lists import (
+    LOST_POSITIONS,
     POSITIONS_WITHOUT_PHOTO,
     ListSystem,
     PositionList,
@@ -218,14 +219,20 @@ def listed_priors(
         problems: gets what is wrong and what is left out.
         sigma: standard deviations of positions without accuracies, horizontal and vertical, metres.
     """
+    images = list(images)
     known, out = _ImageNames(images), dict[str, PositionPrior]()
+    # A list of all photos of a flight has more than the model; a list whose photos have other
+    # names than those of the model leaves images of it without a position.
+    listed_images = {known.find(position.photo) for position in listed.positions}
+    complete = listed_images.issuperset(images)
+    without_photo = POSITIONS_WITHOUT_PHOTO if complete else LOST_POSITIONS
     for position in listed.positions:
         image, where = known.find(position.photo), position.where
         found = position.sigma
         if found is None and sigma is not None:
             found = sigma[0], sigma[0], sigma[1]
         if image is None:
-            problems.leave_out(POSITIONS_WITHOUT_PHOTO, position.photo, where)
+            problems.leave_out(without_photo, position.photo, where)
         elif np.isnan(position.xyz[2]):
             problems.leave_out(POSITIONS_WITHOUT_HEIGHT, position.photo, where)
         elif image in out:

@@ -182,3 +182,18 @@ def test_a_place_that_two_lines_of_ground_control_give_a_photo_is_refused(folder
     path.write_text("\n".join([*lines, lines[2]]) + "\n")
     with pytest.raises(InputError, match=r"control point 'G0' is measured twice in image 'flight"):
         fga.read(folder / "sparse", gcp=path)
+
+
+def test_lost_positions_are_a_doubt_and_all_of_them_a_problem(folder: Path) -> None:
+    """Names with other suffixes: images of the model are then without a position."""
+    text = (folder / "geo.txt").read_text()
+    (folder / "part.txt").write_text(text.replace("3.jpg", "3.png"))
+    network = fga.read(folder / "sparse", positions=folder / "part.txt")
+    (lost,) = (left for left in network.left_out if left.doubtful)
+    assert str(lost).startswith("positions of photos: 2 of 5 left out, as their images are not in")
+    assert "did you mean 'flight/3.jpg'?" in str(lost)
+    assert any("positions of photos: 2 of 5" in str(f) for f in fga.preliminary(network))
+    (folder / "none.txt").write_text(text.replace(".jpg", ".png"))
+    with pytest.raises(InputError, match="positions of photos: 5 of 5 left out") as caught:
+        fga.read(folder / "sparse", positions=folder / "none.txt")
+    assert "none.txt:2" in str(caught.value)
