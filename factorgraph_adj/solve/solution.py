@@ -375,8 +375,9 @@ class Solution(Shown):
         try:
             return normal.for_covariances(self.run.constraint, self.datum)
         except SingularError as error:
-            what = f"singular at the solution ({error}; {self.reason})"
-            raise SingularError(f"the normal equations are {what}") from None
+            why = "; ".join(filter(None, (str(error), self.reason)))
+            what = f"the normal equations are singular at the solution ({why})"
+            raise SingularError(what) from None
 
     @cached_property
     @with_one_thread
