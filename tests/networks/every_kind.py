@@ -499,6 +499,8 @@ def flight_equations(frame_name: str, *, turned: float = 0.0) -> tuple[Equations
     enu = basis.enu[0]
     network.add_camera("camera", lens.NoDistortion(), {"c": 28.4})
     network.add_point("i", station)
+    for name, offset in (("j", (20.0, 60.0, 10.0)), ("k", (-30.0, 40.0, 5.0))):
+        network.add_point(name, station + enu.T @ offset)
     for name, offset, angles in (("f", (40, 30, 900), (0.2, -0.4, 1.9)), ("g", (90, 35, 905), A2)):
         rotation = enu.T @ world_R_camera(*angles)
         network.add_photo(name, "camera", position=station + enu.T @ offset, rotation=rotation)
