@@ -114,7 +114,7 @@ SIGNATURES: tuple[Signature, ...] = (
     Signature(
         "a network of Columbus",
         A_PROGRAM,
-        r"^\s*(_UNITS; *[MUIC] *; *(D|DD|G)\s*$|_STA_COORD; |\$UNITS\s*$)",
+        r"^[ \t]*(_UNITS; *[MUIC] *; *(D|DD|G)\s*$|_STA_COORD; |\$UNITS\s*$)",
     ),
     Signature("a listing of STAR*NET", A_RESULT, r"MicroSurvey STAR\*NET|STAR\*NET-?\w* Version"),
     Signature("a listing of SNAP", A_RESULT, r"SNAP version |Survey Network Adjustment Program"),

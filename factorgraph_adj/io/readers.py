@@ -6,7 +6,7 @@ A new format needs one module of `io.field_books`, `io.gnss`, `io.photogrammetry
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -145,8 +145,7 @@ class Readers:
                 file looks like.
         """
         fitting = self.suffix_readers(path)
-        asked = fitting if path.is_dir() else self.entries
-        sure = [r for r in asked if r.recognises is not None and r.recognises(path)]
+        sure = self._recognising(path, fitting if path.is_dir() else self.entries)
         sure = [r for r in sure if r in fitting] or sure
         if len(sure) == 1:
             return sure[0]
@@ -235,8 +234,13 @@ class Readers:
         """Return the only reader that recognises the content of a file; None for other files."""
         if not path.is_file():
             return None
-        sure = [r for r in self.entries if r.recognises is not None and r.recognises(path)]
+        sure = self._recognising(path, self.entries)
         return sure[0] if len(sure) == 1 else None
+
+    @staticmethod
+    def _recognising(path: Path, asked: Iterable[Reader]) -> list[Reader]:
+        """Return the readers that recognise the content of a file or folder."""
+        return [r for r in asked if r.recognises is not None and r.recognises(path)]
 
 
 def _readers_of_modules() -> Iterator[Reader]:

@@ -11,8 +11,9 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.io.file_signatures import SIGNATURES
+from factorgraph_adj.io.file_signatures import SIGNATURES, description
 from factorgraph_adj.io.readers import READERS
+from factorgraph_adj.io.text_files import MAX_RECOGNITION_BYTES
 from factorgraph_adj.io.writers import WRITERS
 from tests.hostile.formats import FORMATS
 from tests.support.places import data_dir
@@ -151,6 +152,37 @@ def test_signatures_do_not_take_what_a_reader_reads(tmp_path):
         content = path.read_bytes()[:65536].decode("latin-1")
         found = [s.what for s in SIGNATURES if s.fits(path.suffix.lower(), content)]
         assert not found, (name, found)
+
+
+REPEATED = (
+    "\n",
+    "\r\n",
+    " \n",
+    "\t",
+    " ",
+    "#\n",
+    "% a\n",
+    "<!-- ",
+    "<?",
+    "999\na\n",
+    "AP \n",
+    "1 2 3\n",
+)
+"""What a file may repeat, by which an expression with two ways through it goes back for hours."""
+
+
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize("unit", REPEATED)
+def test_a_file_of_one_thing_is_refused_or_read_at_once(tmp_path, unit):
+    """Every reader is asked about every file: one that hangs would hang on the files of others."""
+    path = tmp_path / "a.txt"
+    path.write_text(unit * (MAX_RECOGNITION_BYTES // len(unit)), encoding="utf-8")
+    for reader in READERS.entries:
+        if reader.recognises is not None:
+            assert reader.recognises(path) in (True, False)
+    assert description(path)
+    content = path.read_text(encoding="utf-8")
+    assert not [s.what for s in SIGNATURES if s.fits(".txt", content)]
 
 
 def test_the_command_formats_lists_every_format(capsys):

@@ -89,8 +89,8 @@ UNREAD_RECORDS = {
 GEOPROFI_LETTERS = dict.fromkeys((*GEOPROFI_RECORDS, *UNREAD_RECORDS), True)
 _LETTERS = rb"(?:MT|AR|FN|DT|AP|JM|KE|RP)"
 _RECOGNISED = re.compile(
-    rb"(?:" + _LETTERS + rb"(?: [^\n]*)?\r?\n|\s*\n)*?AP [^\n]*\r?\n"
-    rb"(?:" + _LETTERS + rb"(?: [^\n]*)?\r?\n|\s*\n)*?"
+    rb"(?:(?!AP )" + _LETTERS + rb"(?: [^\n]*)?\r?\n|[ \t\r]*+\n)*+AP [^\n]*\r?\n"
+    rb"(?:" + _LETTERS + rb"(?: [^\n]*)?\r?\n|[ \t\r]*+\n)*?"
     rb"(?:KE|RP) .{12}.{11}[ ]{1,4}\d{1,3}\.\d{4}[ \r\n]"
 )
 """Records of the format up to the first sight of the first station."""

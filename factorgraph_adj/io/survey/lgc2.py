@@ -486,5 +486,5 @@ READER = Reader(
     (".lgc2", ".lgc"),
     "LGC2",
     NetworkReader(read_lgc2),
-    recognises=begins_with(rb"(\s*(%[^\n]*)?\n)*\s*\*TITR\b"),
+    recognises=begins_with(rb"(?:[ \t\r]*+(?:%[^\n]*+)?\n)*+[ \t]*+\*TITR\b"),
 )

@@ -30,7 +30,7 @@ from .star_net_network import star_net_grid_system
 from .star_net_options import KILOMETRE_METRES, MILE_FEET, StarNetOptions
 
 BEGINNING = re.compile(
-    rb"(?:\xef\xbb\xbf)?(?:[ \t]*(?:#[^\r\n]*)?(?:\r\n?|\n))*"
+    rb"(?:\xef\xbb\xbf)?(?:[ \t]*+(?:#[^\r\n]*+)?(?:\r\n?+|\n))*+"
     rb"(?:\*STAR\*NET\b|\[Adjustment\][^\r\n]*[\r\n]+(?:#[^\r\n]*[\r\n]+)*adjustment_type[ \t])"
 )
 """Beginning of a project, behind comments: its first line, or the first section where it lacks."""
