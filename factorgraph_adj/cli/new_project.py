@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -76,6 +77,8 @@ USUAL_ACCURACIES: dict[str, tuple[object, str, tuple[str, ...]]] = {
     ),
 }
 """Usual values of the options of field books, what they are, and kinds that they concern."""
+FACES_APART = re.compile(r"(^|:)faces\s*=\s*\W?both")
+"""Option of readings in both faces, of which the centring is one error: it is not assumed then."""
 Assumed = Sequence[tuple[str, object, str]]
 """Options that nobody stated: names, usual values, words."""
 MAX_NAMES = 20
@@ -135,7 +138,8 @@ def _assumed(
         of_readers = any(name in reader.options for reader in readers)
         concerned = network is None or any(o.kind in kinds for o in network.observations.values())
         if name not in stated and of_readers and concerned:
-            yield name, usual, words
+            both = name == "centring_mm" and any(FACES_APART.search(text) for text in given)
+            yield name, 0.0 if both else usual, words
 
 
 def _answers(options: argparse.Namespace, readers: Sequence[Reader], assumed: Assumed) -> list[str]:

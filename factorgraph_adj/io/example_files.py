@@ -69,7 +69,7 @@ EXAMPLE_NETWORKS = {
         ),
         ExampleNetwork(
             "photo-block",
-            "five photos of the facade at Balbianello, 544 points, in the format of Bundler",
+            "five photos of Balbianello, 544 points, in the format of Bundler",
             "BSD-2-Clause, of GTSAM",
             "adjust Balbianello.out",
             of_gtsam=("Balbianello.out",),

@@ -9,7 +9,7 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.cli.new_project import USUAL_ACCURACIES
-from factorgraph_adj.io.field_books.accuracies import DEFAULT_ACCURACIES
+from factorgraph_adj.io.field_books.accuracies import DEFAULT_ACCURACIES, Accuracies
 from factorgraph_adj.stochastic_model import StandardDeviation
 from tests.io.field_books import field_files
 from tests.support.same import assert_same_network
@@ -50,6 +50,14 @@ def test_what_is_stated_is_not_assumed(tmp_path, book, capsys):
     assert "sigma_direction_mgon" not in said
     assert "assumed: ppm" in said
     assert "nothing is held: the network is free; --set fixed=A,B" in said
+
+
+def test_the_centring_of_readings_in_both_faces_is_zero_unless_stated(tmp_path, book, capsys):
+    """As `Accuracies.centring` has it."""
+    assert main(["new", str(tmp_path / "site"), str(book), "--set", "faces=both", "--yes"]) == 0
+    assert "assumed: centring_mm = 0.0 (" in capsys.readouterr().out
+    assert Accuracies(faces="both").centring == 0.0
+    assert "#   centring_mm = 0.0  " in (tmp_path / "site" / "project.toml").read_text()
 
 
 def test_usual_values_are_those_of_the_readers():
