@@ -17,7 +17,7 @@ from tests.support.scatter import (
     few,
 )
 
-pytestmark = pytest.mark.slow(
+SLOW = pytest.mark.slow(
     "thirty seeded repetitions of each kind of observation; "
     "short tests compare each kind with dense algebra"
 )
@@ -31,11 +31,13 @@ def test_every_kind_of_observation_is_here() -> None:
         assert kind in kinds or (kind == "image" and network.n_image_points)
 
 
+@SLOW
 @pytest.mark.parametrize("name", DISTINCT)
 def test_estimates_scatter_as_their_covariance_says(name: str) -> None:
     assert_estimates_scatter_as_their_covariance_says(few(name))
 
 
+@SLOW
 @pytest.mark.parametrize("name", DISTINCT)
 def test_the_variance_of_unit_weight_follows_its_distribution(name: str) -> None:
     assert_the_variance_of_unit_weight_follows_its_distribution(few(name))

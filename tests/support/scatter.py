@@ -329,6 +329,51 @@ def instruments(*which: str, constants: bool = False) -> Callable[[], fga.Networ
     return make
 
 
+def on_the_ellipsoid() -> fga.Network:
+    """Distances, azimuths and heights that refer to the ellipsoid or to a geoid, of one field."""
+    network = fga.Network("ellipsoid", frame=fga.TopocentricFrame(0.8, 0.2, 300.0))
+    for name, at in CONTROL.items():
+        network.add_point(name, at, fixed="xyz")
+    for name, at in NEW.items():
+        network.add_point(name, at)
+    network.set_distance_meter("tape", free=("scale", "zero"))
+    geoid = {"station_surface": 48.1, "target_surface": 47.9}
+    for a, b in pairs():
+        more = {"sigma": 3 * MM, "instrument": "tape"}
+        network.add(
+            o.EllipsoidDistance(a, b, 1.0, **more, **geoid),
+            o.EllipsoidDistance(a, b, 1.0, **more, line="chord"),
+            o.MeanHeightDistance(a, b, 1.0, **more, **SIGHT),
+            o.GeodeticAzimuth(a, b, 0.0, sigma=20 * ARCSEC, **SIGHT),
+            o.EllipsoidHeightDifference(a, b, 0.0, sigma=2 * MM, **geoid, **SIGHT),
+        )
+    network.add(*(o.EllipsoidHeight(p, 0.0, sigma=4 * MM, surface=48.0) for p in NEW))
+    return network
+
+
+def vehicles() -> fga.Network:
+    """A vehicle at every point: vectors in its axes, and its turns."""
+    network = field("z")
+    for i, a in enumerate((*CONTROL, *NEW)):
+        network.set_unknown("heading", a, (0.7 * i,))
+    covariance = correlated(5)[:2, :2]
+    for a, b in pairs():
+        network.add(
+            o.PlanarVector(a, b, (0.0, 0.0), covariance=covariance),
+            o.HeadingDifference(a, b, 0.0, sigma=20 * ARCSEC),
+        )
+    return network
+
+
+def bodies() -> fga.Network:
+    """Four photos whose bodies also carry a sensor that sees the points in their axes."""
+    network = photos()()
+    for i, photo in enumerate(network.photos):
+        for point in network.points:
+            network.add(o.BodyVector(photo, point, (0.0, 0.0, 0.0), covariance=correlated(i)))
+    return network
+
+
 NETWORKS: dict[str, Callable[[], fga.Network]] = {
     "slope_distance": slope_distances,
     "horizontal_distance": horizontal_distances,
@@ -383,6 +428,15 @@ NETWORKS: dict[str, Callable[[], fga.Network]] = {
     "frame_direction": instruments("theodolite", "levelled theodolite"),
     "frame_zenith": instruments("theodolite", "on a pillar, tilted", "tracker"),
     "frame_distance": instruments("levelled scanner", "tracker", constants=True),
+    **dict.fromkeys(
+        (
+            *("ellipsoid_distance", "mean_height_distance", "geodetic_azimuth"),
+            *("ellipsoid_height", "ellipsoid_height_difference"),
+        ),
+        on_the_ellipsoid,
+    ),
+    **dict.fromkeys(("planar_vector", "heading_difference"), vehicles),
+    "body_vector": bodies,
     "correlated": correlated_directions,
     "mixed": mixed,
 }
