@@ -267,6 +267,8 @@ class Shape:
     turns: bool = False
     """Whether its distances are those of two directions across its axis, which turn about it with
     the object: so does the residual, while the frame is held about its axis."""
+    linear: bool = False
+    """Whether its distances are linear in the coordinates in its frame."""
     axis: Literal["least", "most", "any"] = "any"
     """Where its z axis lies: along the least or the largest extent of its points, or anywhere."""
     outline: Outline = field(kw_only=True)
@@ -403,9 +405,22 @@ _RADIUS = Size("radius")
 SHAPES = {
     s.name: s
     for s in (
-        Shape("plane", plane, (*_TILTS, "z"), axis="least", outline=shape_outlines.PLANE),
         Shape(
-            "line", line, (*_TILTS, "x", "y"), turns=True, axis="most", outline=shape_outlines.LINE
+            "plane",
+            plane,
+            (*_TILTS, "z"),
+            linear=True,
+            axis="least",
+            outline=shape_outlines.PLANE,
+        ),
+        Shape(
+            "line",
+            line,
+            (*_TILTS, "x", "y"),
+            turns=True,
+            linear=True,
+            axis="most",
+            outline=shape_outlines.LINE,
         ),
         Shape(
             "circle",

@@ -104,6 +104,7 @@ KINDS_IN_MODULE = (
             ("heading", "station"),
         ),
         body_vectors.planar_vector,
+        linear=True,
         titles={"de": "ebener Vektor im Fahrzeugsystem"},
     ),
     ObservationKind(
@@ -116,6 +117,7 @@ KINDS_IN_MODULE = (
         ),
         body_vectors.heading_difference,
         unit="rad",
+        linear=True,
         titles={"de": "Kursdifferenz"},
     ),
 )

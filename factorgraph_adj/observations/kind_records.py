@@ -180,7 +180,7 @@ _WIRE = (("point", "point"), ("size", "sag"), _MOUNT, *_ORIGIN)
 _INCLINED = (("frame", "frame"), ("point", "point"), ("vertical", "point"), _MOUNT, *_ORIGIN)
 
 METROLOGY_KINDS = (
-    ObservationKind(PlaneOffset, _IN_FRAME, offsets.plane_offset),
+    ObservationKind(PlaneOffset, _IN_FRAME, offsets.plane_offset, linear=True),
     ObservationKind(PlumbOffset, _IN_FRAME, offsets.plumb_offset, one_sided=True),
     ObservationKind(
         LineOffset,
@@ -193,6 +193,7 @@ METROLOGY_KINDS = (
         _OFFSET_SIGHT,
         offsets.sight_plane_offset,
         ("horizontal", *_HEIGHTS),
+        linear=True,
         instrument="station",
     ),
     ObservationKind(
@@ -216,6 +217,7 @@ METROLOGY_KINDS = (
         (("point", "point"), ("level", "level"), _MOUNT),
         offsets.hydrostatic_reading,
         ("undulation", "expansion", "side"),
+        linear=True,
     ),
     ObservationKind(
         WireReading, (("frame", "frame"), *_WIRE), wires.wire_reading, ("length",), outline=WIRE
@@ -233,8 +235,10 @@ METROLOGY_KINDS = (
         ("length",),
         outline=WIRE,
     ),
-    ObservationKind(FrameInclination, _INCLINED, attitude.frame_inclination, unit="rad"),
-    ObservationKind(FrameRoll, _INCLINED, attitude.frame_roll, unit="rad"),
+    ObservationKind(
+        FrameInclination, _INCLINED, attitude.frame_inclination, unit="rad", linear=True
+    ),
+    ObservationKind(FrameRoll, _INCLINED, attitude.frame_roll, unit="rad", linear=True),
     ObservationKind(
         UnitVector,
         (("frame", "frame"), ("point", "station"), ("point", "target"), _MOUNT, *_ORIGIN),
@@ -279,7 +283,11 @@ _LINE = (
 RELATION_KINDS: Sequence[ObservationKind] = (
     ObservationKind(relations.EqualDistance, _PAIRS, shapes.equal_distance, ("ratio",)),
     ObservationKind(
-        relations.EqualHeightDifference, _PAIRS, shapes.equal_height_difference, ("ratio",)
+        relations.EqualHeightDifference,
+        _PAIRS,
+        shapes.equal_height_difference,
+        ("ratio",),
+        linear=True,
     ),
     ObservationKind(
         relations.RightAngle,
@@ -304,10 +312,15 @@ RELATION_KINDS: Sequence[ObservationKind] = (
         quantity="coordinate difference",
     ),
     ObservationKind(
-        relations.ParallelAxes, _SHAPES, frame_axes.parallel_axes, unit="rad", turns=True
+        relations.ParallelAxes,
+        _SHAPES,
+        frame_axes.parallel_axes,
+        unit="rad",
+        linear=True,
+        turns=True,
     ),
-    ObservationKind(relations.AxisAngle, _SHAPES, frame_axes.axis_angle, unit="rad"),
-    ObservationKind(relations.PlaneDistance, _SHAPES, frame_axes.plane_distance),
+    ObservationKind(relations.AxisAngle, _SHAPES, frame_axes.axis_angle, unit="rad", linear=True),
+    ObservationKind(relations.PlaneDistance, _SHAPES, frame_axes.plane_distance, linear=True),
     ObservationKind(
         relations.ImageLine,
         _LINE,
@@ -350,6 +363,7 @@ SURFACE_HEIGHT_KINDS: Sequence[ObservationKind] = (
         (("point", "point"), *_CARRIED, ("profile", "profile")),
         positions.profile_height,
         ("time", "lever_arm"),
+        linear=True,
         quantity="height in a profile",
     ),
     ObservationKind(
@@ -357,6 +371,7 @@ SURFACE_HEIGHT_KINDS: Sequence[ObservationKind] = (
         (("point", "point"), ("level", "level")),
         positions.level_height,
         ("slope", "along", "geoid"),
+        linear=True,
         quantity="height above a level",
     ),
     ObservationKind(PhotoTilt, _CARRIED, directions.photo_tilt, unit="rad"),
@@ -388,7 +403,13 @@ def on_shape(cls: type[_OnShape]) -> ObservationKind:
         *((s.kind, s.attribute) for s in shape.sizes),
     )
     return ObservationKind(
-        cls, variables, shape, shape=shape.name, turns=shape.turns, outline=shape.outline
+        cls,
+        variables,
+        shape,
+        linear=shape.linear,
+        shape=shape.name,
+        turns=shape.turns,
+        outline=shape.outline,
     )
 
 

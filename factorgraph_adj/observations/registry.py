@@ -150,7 +150,8 @@ class ObservationKind:
     """Variance as a function of the parts of a `StandardDeviation`; None if the class takes plain
     numbers only."""
     linear: bool = False
-    """Whether the partials are independent of the positions of the points."""
+    """Whether residuals are linear in the coordinates of the points in a flat frame, while other
+    unknowns are held: the partials by the points are the same wherever these are."""
     circular: bool = False
     """Whether the value is an angle of the full circle, from 0 to 2π."""
     fixes: Literal["nothing", "direction", "coordinates", "attitude", "place"] = "nothing"

@@ -19,9 +19,11 @@ from factorgraph_adj.observations import (
     Azimuth,
     ControlPoint,
     GnssVector,
+    HeadingDifference,
     HeightDifference,
     ImagePoint,
     Observation,
+    PlanarVector,
     SlopeDistance,
     ZenithAngle,
 )
@@ -162,6 +164,21 @@ def test_linear_readings_may_be_less_precise_than_they_are_long(reading: Observa
     inc = fga.IncrementalAdjustment(network, policy="accept")
     (verdict,) = inc.add(reading).verdicts
     assert verdict.verdict == "accepted"
+
+
+@pytest.mark.parametrize("sigma", [0.1, 1.0, 100.0])
+def test_a_vehicle_begins_with_its_first_step_however_poor_that_is(sigma: float) -> None:
+    """Steps in axes of a vehicle are linear in the place that they reach."""
+    network = fga.Network("drive")
+    network.add_point("0", (0.0, 0.0, 0.0), fixed="xyz")
+    network.add_point("1", (1.0, 0.0, 0.0), fixed="z")
+    network.set_unknown("heading", "0", (0.3,), fixed=True)
+    network.set_unknown("heading", "1", (0.0,))
+    inc = fga.IncrementalAdjustment(network)
+    step = PlanarVector("0", "1", (1.0, 0.1), sigma=(sigma, sigma))
+    inc.add([HeadingDifference("0", "1", -0.2, sigma=0.1), step])
+    assert len(inc) == 2 and not inc.n_waiting
+    assert inc.standard_deviations("1")[:2] == pytest.approx([sigma, sigma])
 
 
 def test_linear_readings_to_a_point_with_a_short_sight() -> None:

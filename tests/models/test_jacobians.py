@@ -65,6 +65,25 @@ def test_partials_of_a_photo_flight_are_right_in_every_frame(frame: str, turned:
     assert_partials_are_right(equations, equations.unknowns.start(), steps)
 
 
+def test_kinds_are_declared_linear_whose_partials_by_points_are_the_same_everywhere() -> None:
+    """Points move by 20 m in a flat frame; the deformed model is bent by 10⁻⁷."""
+    equations, _ = every_kind.sight_equations("flat", GEOMETRIES["ordinary"])
+    frame, state = equations.network.frame, equations.unknowns.start()
+    elsewhere = {k: v.copy() for k, v in state.items()}
+    elsewhere["point"] += np.random.default_rng(1).normal(0.0, 20.0, state["point"].shape)
+    most: dict[str, float] = {}
+    for block in equations.blocks:
+        of_points = [i for i, (kind, _) in enumerate(block.variables) if kind == "point"]
+        if block.prior or not of_points:
+            continue
+        here, there = (block.evaluate(frame, x).jacobians for x in (state, elsewhere))
+        change = max(float(np.abs(here[i] - there[i]).max()) for i in of_points)
+        most[block.kind] = max(change, most.get(block.kind, 0.0))
+    assert len(most) > 40
+    straight = {kind for kind, change in most.items() if change < 1e-6}
+    assert straight == {kind for kind in most if KINDS[kind].linear}
+
+
 def test_every_registered_kind_and_lens_is_checked() -> None:
     assert set(OBSERVED) == {*KINDS} - {"image"}  # image coordinates are checked by lens
     assert {type(c.lens) for c in LENSES_USED.values()} == set(LENSES.values())
