@@ -20,6 +20,7 @@ from ..crs.grid_places import wgs84_places
 from ..crs.reference_system import ReferenceSystem
 from ..errors import InputError, Problem
 from ..frames import Frame, GeocentricFrame, LocalFrame
+from ..network.grid.model_coordinates import refuse_model_coordinates
 from ..network.network import Network
 from ..solve.grid_coordinates import reference_system_of
 from ..types import Array
@@ -116,9 +117,13 @@ def best_map_coordinates(network: Network) -> MapCoordinates:
     A reference system without a grid gives WGS 84. Without a reference system, local and
     topocentric networks are a plane, and geocentric ones have longitude and latitude on their
     ellipsoid.
+
+    Raises:
+        InputError: the network has a reference system, and coordinates of a model.
     """
     system, frame = network.crs, network.frame
     if system is not None:
+        refuse_model_coordinates(network, system)
         return MapCoordinates("grid" if system.projected else "wgs84", frame, system)
     return MapCoordinates("ellipsoid" if isinstance(frame, GeocentricFrame) else "plane", frame)
 
@@ -127,7 +132,8 @@ def wgs84_map_coordinates(network: Network, format: str) -> MapCoordinates:
     """Return longitude, latitude and height in WGS 84.
 
     Raises:
-        InputError: the network has no reference system, so that nobody knows where it is.
+        InputError: the network has no reference system, or coordinates of a model, so that nobody
+            knows where it is.
     """
     try:
         return MapCoordinates("wgs84", network.frame, reference_system_of(network))

@@ -12,6 +12,7 @@ from ..crs.grid_places import GridPlaces, Wgs84Places, grid_places, wgs84_places
 from ..crs.reference_system import ReferenceSystem
 from ..errors import InputError
 from ..frames import LocalFrame
+from ..network.grid.model_coordinates import refuse_model_coordinates
 from ..network.network import Network
 from ..result_display import FIRST, Rows, Shown
 from ..rotation import angles_by_rotation, omega_phi_kappa
@@ -74,9 +75,15 @@ class GridCoordinates(Shown):
 
 
 def reference_system_of(network: Network) -> ReferenceSystem:
-    """Return the reference system of a network; InputError if it has none."""
+    """Return the reference system of a network.
+
+    Raises:
+        InputError: it has none, or its coordinates are those of a model
+            (`refuse_model_coordinates`).
+    """
     if network.crs is None:
         raise InputError(NO_REFERENCE_SYSTEM)
+    refuse_model_coordinates(network, network.crs)
     return network.crs
 
 

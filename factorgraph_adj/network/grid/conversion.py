@@ -18,6 +18,7 @@ from ...observations import Observation
 from ...observations.base import of_quantities
 from ...types import Array
 from ..network import Network
+from .model_coordinates import refuse_model_coordinates
 from .observations import Context, converted, own_place
 from .transformation import (
     OFFSET,
@@ -96,8 +97,9 @@ def from_grid(
             coordinates.
 
     Raises:
-        InputError: no reference system, a geoid or grid is missing, a point is outside of it, or
-            something counts from axes of the grid and cannot be converted; all is listed.
+        InputError: no reference system, photos are a free model (`refuse_model_coordinates`), a
+            geoid or grid is missing, a point is outside of it, or something counts from axes of
+            the grid and cannot be converted; all is listed.
     """
     stated = network.crs if crs is None else reference_system(crs)
     if stated is None:
@@ -107,6 +109,7 @@ def from_grid(
     options = GridOptions(deflections, geoid_offset, azimuths, vectors, horizontal_distances)
     _check(network, options)
     assert isinstance(network.frame, LocalFrame)
+    refuse_model_coordinates(network, stated)
     names = list(network.points)
     xyz = np.array([p.coordinates for p in network.points.values()]).reshape(-1, 3)
     axes = np.vstack([network.frame.east_north, [0.0, 0.0, 1.0]])
