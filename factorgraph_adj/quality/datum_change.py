@@ -29,6 +29,7 @@ from ..errors import DatumError, InputError, Problem, SingularError, taking, unk
 from ..graph.equations import Equations, compile_network
 from ..graph.variables import Unknowns
 from ..solve.datum_defects import MOTION_NAMES, FreeDatum, Motion, find_defects, generators
+from ..solve.defect_description import describe_defects
 from ..solve.gauss_newton_steps import Step
 from ..solve.inner_constraints import (
     ReferenceDatum,
@@ -39,7 +40,6 @@ from ..solve.inner_constraints import (
 from ..solve.linearised_equations import LinearisedEquations
 from ..solve.normal_equations import NormalEquations
 from ..solve.solution import Solution, normal_equations_at, solution_at
-from ..solve.undetermined_unknowns import describe_defects
 from ..types import Array, Index
 
 IGNORED_WEIGHT = 1e-60

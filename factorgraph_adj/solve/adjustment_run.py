@@ -11,21 +11,21 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..errors import DatumError, InputError, Problem, SingularError, known
+from ..errors import AdjustmentError, DatumError, InputError, Problem, SingularError, known
 from ..graph.equations import Equations
 from ..graph.variables import State
 from ..models.base import Linearised
 from ..models.unknown_registry import UNKNOWNS
 from ..types import Array, Mask
 from .added_factors import NO_ADDED_FACTORS, AddedFactors
-from .datum_defects import Defect, FreeDatum, find_defects, minimal_datum
+from .datum_defects import Defect, FreeDatum, extent_of, find_defects, minimal_datum
+from .defect_description import describe_defects
 from .gauss_newton_steps import NO_EXTRAPOLATIONS, ExtrapolationRecord
 from .inner_constraints import datum_columns
 from .linearised_equations import LinearisedEquations, sum_of_squares
 from .normal_equations import NormalEquations, Solver
 from .undetermined_unknowns import (
     MAX_UNKNOWNS_IN_MESSAGE,
-    describe_defects,
     undetermined_combinations,
     undetermined_error,
 )
@@ -37,6 +37,12 @@ show what the observations determine."""
 FITTING_RMS = 3.0
 """Root mean square of v/σ up to which readings fit where an iteration ended. Above it gross errors
 or poor start values have led it there."""
+
+RANDOM_STEP = 0.03
+"""Random movement of points and projection centres relative to the extent of a network, and of
+attitudes in radians: enough for points to leave common lines, too little to pass a camera."""
+MOVED_AT_RANDOM = {"point": (True,) * 3, "pose": (False,) * 3 + (True,) * 3}
+"""Whether each component of the unknowns that are moved is a length, by kind."""
 
 
 @dataclass(frozen=True)
@@ -208,7 +214,7 @@ def settle_datum(run: AdjustmentRun, normal: NormalEquations) -> None:
         if error is not None:
             raise error
     if len(defects) > 1:
-        lines = describe_defects(unknowns, defects)
+        lines = describe_defects(unknowns, defects, run.state)
         raise DatumError(
             "\n  ".join(["a free network must be connected", *lines]),
             defect=sum(d.size for d in defects),
@@ -219,6 +225,37 @@ def settle_datum(run: AdjustmentRun, normal: NormalEquations) -> None:
     run.constraint = np.zeros_like(run.constraint)  # a run that continues chooses again
     run.constraint[held] = normal.diagonal[held]
     run.datum = FreeDatum(motions, columns)
+
+
+def refuse_lasting_defects(run: AdjustmentRun, normal: NormalEquations) -> None:
+    """Raise an error if a network has datum defects wherever its points and photos are.
+
+    A singular N far from the minimum may be that of the place, such as points that start on a line;
+    a motion that no observation notices here, and none where points and photos are moved at random,
+    is one of the network: iterations would only turn or shift it.
+
+    Raises:
+        DatumError: as `settle_datum`.
+    """
+    if run.free or not find_defects(normal.system, run.state, normal.diagonal, free=False):
+        return
+    unknowns = run.equations.unknowns
+    rng, size = np.random.default_rng(1), extent_of(run.state)[1]
+    movement = np.zeros(unknowns.n_columns)
+    for kind, steps in MOVED_AT_RANDOM.items():
+        for i in np.flatnonzero(unknowns[kind].offset >= 0).tolist():
+            columns = unknowns.columns(kind, i)
+            scale = np.where(np.array(steps)[: len(columns)], size, 1.0) * RANDOM_STEP
+            movement[columns] = scale * rng.uniform(-1.0, 1.0, len(columns))
+    other = unknowns.retract(run.state, np.where(unknowns.free, movement, 0.0))
+    try:
+        extra = run.extra.at(run.equations, other).rows
+        elsewhere = LinearisedEquations(run.equations, other, extra)
+        lasting = find_defects(elsewhere, other, elsewhere.diagonal(), free=False)
+    except AdjustmentError:  # a sight has no direction there
+        return
+    if lasting:
+        settle_datum(run, normal)
 
 
 def refuse_shrinking(run: AdjustmentRun, normal: NormalEquations, known: int) -> None:

@@ -25,6 +25,7 @@ from .adjustment_run import (
     find_undetermined,
     misfits_grossly,
     raise_overflow,
+    refuse_lasting_defects,
     refuse_undetermined,
     settle_datum,
 )
@@ -230,6 +231,8 @@ def _descend(
             near = not misfits_grossly(normal)
             if suspicious and near and run.datum is None:
                 settle_datum(run, normal)
+            elif suspicious and run.datum is None:
+                refuse_lasting_defects(run, normal)
             if run.smallest_pivot < ITERATION.poor and near and step is not None:
                 refuse_undetermined(run, normal)
         if factor is not None and step is not None:

@@ -11,9 +11,10 @@ from ..errors import known as known_names
 from ..graph.variables import State, Unknowns
 from ..models.unknown_registry import UNKNOWNS, VariableKind
 from ..observations.registry import in_image_table
-from ..types import Array, Index
+from ..types import Array
 from .coherent_part import largest_coherent_part
-from .datum_defects import MAX_UNNOTICED, Defect, extent_of, find_defects, generators, in_part
+from .datum_defects import MAX_UNNOTICED, Defect, extent_of, find_defects, generators
+from .defect_description import describe_defects
 from .elimination_layers import layers_of
 from .factorisation import EliminationPlan, Factorisation, PreparedElimination
 from .linearised_equations import LinearisedEquations
@@ -220,7 +221,7 @@ def undetermined_error(
         z, bounded = _beside(known, motions), known.shape[1] >= INVERSE_ITERATION_VECTORS
     n_datum = 0 if free else sum(d.size for d in defects)
     if not free:
-        lines += describe_defects(unknowns, defects)
+        lines += describe_defects(unknowns, defects, system.state)
         nearly, z = _nearly_unnoticed(system, z, scale)
         lines += [] if nearly is None else describe_defects(unknowns, [nearly])
         n_datum += 0 if nearly is None else nearly.size
@@ -311,44 +312,6 @@ def _nearly_unnoticed(
     inside = system.unknowns.free
     rest = z @ right[~alike].T
     return Defect(every, g @ mixture, mixture, about, inside), rest
-
-
-def describe_defects(unknowns: Unknowns, defects: Sequence[Defect]) -> list[str]:
-    """Return one line for each part without a datum."""
-    lines = []
-    if len(defects) > 1:
-        lines.append(f"the network falls into {len(defects)} unconnected parts without datum")
-    for d in defects:
-        found = dict.fromkeys(_names_in(unknowns, d.part))
-        some = ", ".join(list(found)[:6]) + (" …" if len(found) > 6 else "")
-        whole = len(found) == len(_names_in(unknowns, np.arange(unknowns.n_columns)))
-        which = "" if whole else f" of the part with {some}"
-        lines.append(f"datum defect {d.size}{which}: missing {', '.join(d.names())}")
-        if taken := _takers(unknowns, d):
-            lines.append(f"observed coordinates do not hold it: free shift of {known_names(taken)}")
-    return lines
-
-
-def _takers(unknowns: Unknowns, defect: Defect) -> list[str]:
-    """Return the unknown shifts that absorb the information of observed coordinates on a defect."""
-    found = []
-    for kind, number in unknowns.active():
-        record = UNKNOWNS[kind]
-        columns = unknowns.columns(kind, number)
-        if record.shifts and np.abs(defect.motions[columns]).max() > 0:
-            found.append(f"{record.noun} {unknowns[kind].names[number]!r}")
-    return found
-
-
-def _names_in(unknowns: Unknowns, columns: Index) -> list[str]:
-    inside = np.zeros(unknowns.n_columns, dtype=bool)
-    inside[columns] = True
-    out = []
-    for kind in ("point", "pose"):
-        table = unknowns[kind]
-        on = np.flatnonzero(in_part(table, inside))
-        out += [table.names[i] if kind == "point" else f"photo {table.names[i]}" for i in on]
-    return out
 
 
 def _shares(unknowns: Unknowns, z: Array) -> list[tuple[VariableKind, int, str, float]]:
