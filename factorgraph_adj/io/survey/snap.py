@@ -28,8 +28,9 @@ from .snap_adjusted_stations import (
     rejected_stations,
     settle,
 )
+from .snap_commands import ANTENNA
 from .snap_data_commands import VECTOR_KINDS
-from .snap_job import ANTENNA, ObservationStatement, SnapJob, read_job
+from .snap_job import ObservationStatement, SnapJob, read_job
 from .snap_observations import SnapObservations, refraction_radius
 from .snap_readings import SnapReading, SnapSet
 from .snap_recoding import Colocation, with_station

@@ -17,7 +17,7 @@ from ...types import Array
 from ...units import ANGLE, ARCSEC
 from ..source import Field, Problems, TextSource
 from .snap_lines import records
-from .snap_systems import SnapSystem, read_system
+from .snap_systems import SnapSystem, SystemCode, read_system
 
 OPTION_WORDS = {
     "geoid": ("deflections", "geoid_heights"),
@@ -126,15 +126,8 @@ def read_coordinate_file(path: Path, problems: Problems) -> SnapStations | None:
         source.wrong(0, "needs a title and the code of a coordinate system in its first lines")
         return None
     (_, title), (line, text) = lines[:2]
-    stated = read_system(source.field(line, text, "coordinate system"))
+    stated = read_station_system(source, line, text)
     if stated is None:
-        return None
-    if stated.system.bearings_only:
-        source.wrong(
-            line,
-            f"coordinates of {stated.system.code} have in SNAP a unit of 0.999998261 m, which EPSG "
-            "does not have; valid: coordinates of NZGD1949, converted by snapconv",
-        )
         return None
     rest = lines[2:]
     has: set[str] = set(WITHOUT_OPTIONS)
@@ -152,11 +145,24 @@ def read_coordinate_file(path: Path, problems: Problems) -> SnapStations | None:
     orthometric = "orthometric_heights" in has and system.form != "geocentric"
     if stated.vertical and "ellipsoidal_heights" not in has:
         orthometric = True
-    reader = _StationLines(source, system, has, classes, orthometric)
+    reader = _StationLines(source, system, has, classes)
     for line, text in rest:
         reader.read(line, text)
-    reader.convert()
-    return SnapStations(system, title.strip(), reader.stations)
+    made = stations_of_rows(source, system, reader.rows, orthometric=orthometric)
+    return SnapStations(system, title.strip(), made)
+
+
+def read_station_system(source: TextSource, line: int, code: str) -> SystemCode | None:
+    """Return the system of stations; None after a problem."""
+    stated = read_system(source.field(line, code, "coordinate system"))
+    if stated is not None and stated.system.bearings_only:
+        source.wrong(
+            line,
+            f"coordinates of {stated.system.code} have in SNAP a unit of 0.999998261 m, which EPSG "
+            "does not have; valid: coordinates of NZGD1949, converted by snapconv",
+        )
+        return None
+    return stated
 
 
 def _options(source: TextSource, line: int, words: list[str]) -> tuple[set[str], list[str]]:
@@ -182,25 +188,53 @@ def _options(source: TextSource, line: int, words: list[str]) -> tuple[set[str],
     return has, list(dict.fromkeys(classes))
 
 
+@dataclass(frozen=True)
+class StationRow:
+    """A station as a file states it."""
+
+    line: int
+    """Line of the file."""
+    code: str
+    """Its code."""
+    coordinates: list[float]
+    """φ, λ (radians) and height; X, Y, Z; or easting, northing, height; metres."""
+    geoid: list[float]
+    """Deflections ξ, η (radians), geoid height (metres)."""
+    classes: tuple[tuple[str, str], ...]
+    """Names of classifications in small letters, and their values."""
+    name: str
+    """Name in words."""
+
+
+class StationRows:
+    """Rows of a file by code, which it states once."""
+
+    def __init__(self, source: TextSource) -> None:
+        """Start without rows."""
+        self.source = source
+        self.by_code: dict[str, StationRow] = {}
+        """Rows by code in capital letters."""
+
+    def add(self, row: StationRow) -> None:
+        """Add a row."""
+        first = self.by_code.setdefault(row.code.upper(), row)
+        if first is not row:
+            already = f"station {row.code!r} is there already, in line {first.line}"
+            self.source.wrong(row.line, already)
+
+
 class _StationLines:
     """Reads lines of stations."""
 
     def __init__(
-        self,
-        source: TextSource,
-        system: SnapSystem,
-        has: set[str],
-        classes: list[str],
-        orthometric: bool,
+        self, source: TextSource, system: SnapSystem, has: set[str], classes: list[str]
     ) -> None:
         """Take what columns the lines have."""
         self.source = source
         self.system = system
         self.has = has
         self.classes = classes
-        self.orthometric = orthometric
-        self.rows: dict[str, tuple[int, str, list[float], list[float], list[str], str]] = {}
-        self.stations: dict[str, SnapStation] = {}
+        self.rows = StationRows(source)
 
     def read(self, line: int, text: str) -> None:
         """Read one line: code, coordinates, deflections, geoid height, classes, name."""
@@ -217,12 +251,9 @@ class _StationLines:
         classes = [self._next(line, words, f"classification {c}").name() for c in self.classes]
         if self.source.problems.count > before:
             return
-        if code.upper() in self.rows:
-            first = self.rows[code.upper()][0]
-            self.source.wrong(line, f"station {code!r} is there already, in line {first}")
-            return
         name = " ".join(words) or code
-        self.rows[code.upper()] = (line, code, coordinates, geoid, classes, name)
+        of_classes = tuple(zip(self.classes, classes, strict=True))
+        self.rows.add(StationRow(line, code, coordinates, geoid, of_classes, name))
 
     def _next(self, line: int, words: list[str], what: str) -> Field:
         return self.source.field(line, words.pop(0) if words else None, what)
@@ -249,46 +280,54 @@ class _StationLines:
             self.source.wrong(line, "the latitude must be from -90 to 90 degrees")
         return [*out, self._next(line, words, "height").number()]
 
-    def convert(self) -> None:
-        """Make stations of the lines that have no problem."""
-        if not self.rows:
-            return
-        rows = list(self.rows.values())
-        values = np.array([row[2] for row in rows])
-        places = [self.source.place(row[0]) for row in rows]
-        ell = self.system.ellipsoid
-        try:
-            if self.system.form == "projection":
-                names = [row[1] for row in rows]
-                level = np.column_stack([values[:, :2], np.zeros(len(rows))])
-                system = self.system.reference_system.checked()
-                latitude, longitude, _ = system.to_geodetic(level, names)
-                height = values[:, 2]
-            elif self.system.form == "geocentric":
-                latitude, longitude, height = ell.to_geodetic(values)
-            else:
-                latitude, longitude, height = values.T
-        except InputError as error:
-            lines = {f"point {row[1]!r}": row[0] for row in rows}
-            for p in error.problems:
-                self.source.wrong(lines.get(p.where, 0), p.what)
-            return
-        undulation = np.array([row[3][2] for row in rows])
-        if self.orthometric:
-            height = height + undulation
-        xyz = ell.to_cartesian(latitude, longitude, height).tolist()
-        for i, (row, place) in enumerate(zip(rows, places, strict=True)):
-            _, code, _, geoid, classes, name = row
-            self.stations[code.upper()] = SnapStation(
-                code,
-                float(latitude[i]),
-                float(longitude[i]),
-                float(height[i]),
-                geoid[2],
-                geoid[0],
-                geoid[1],
-                tuple(zip(self.classes, classes, strict=True)),
-                name,
-                tuple(xyz[i]),
-                place,
-            )
+
+def stations_of_rows(
+    source: TextSource, system: SnapSystem, given: StationRows, *, orthometric: bool
+) -> dict[str, SnapStation]:
+    """Return the stations of rows by code in capital letters; what is wrong is noted.
+
+    Args:
+        source: the file.
+        system: system of the coordinates.
+        given: the rows.
+        orthometric: whether heights are above the geoid.
+    """
+    rows = list(given.by_code.values())
+    if not rows:
+        return {}
+    values = np.array([row.coordinates for row in rows])
+    ell = system.ellipsoid
+    try:
+        if system.form == "projection":
+            level = np.column_stack([values[:, :2], np.zeros(len(rows))])
+            checked = system.reference_system.checked()
+            latitude, longitude, _ = checked.to_geodetic(level, [row.code for row in rows])
+            height = values[:, 2]
+        elif system.form == "geocentric":
+            latitude, longitude, height = ell.to_geodetic(values)
+        else:
+            latitude, longitude, height = values.T
+    except InputError as error:
+        lines = {f"point {row.code!r}": row.line for row in rows}
+        for p in error.problems:
+            source.wrong(lines.get(p.where, 0), p.what)
+        return {}
+    if orthometric:
+        height = height + np.array([row.geoid[2] for row in rows])
+    xyz = ell.to_cartesian(latitude, longitude, height).tolist()
+    return {
+        row.code.upper(): SnapStation(
+            row.code,
+            float(latitude[i]),
+            float(longitude[i]),
+            float(height[i]),
+            row.geoid[2],
+            row.geoid[0],
+            row.geoid[1],
+            row.classes,
+            row.name,
+            tuple(xyz[i]),
+            source.place(row.line),
+        )
+        for i, row in enumerate(rows)
+    }

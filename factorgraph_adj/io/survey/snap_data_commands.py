@@ -5,13 +5,13 @@ Format: LINZ, SNAP help, "Data definition commands", and ``snapdata.c`` of the p
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from typing import Literal, TypeAlias
 
 from ...units import ARCSEC
-from ..source import LeftOutReason, TextSource, is_unread
+from ..source import Field, LeftOutReason, TextSource, is_unread
 from .snap_lines import parsed_date
 
 OTHER_KIND_NAMES = {"GPS": "GB", "DS": "SD", "VA": "ZD"}
@@ -182,7 +182,8 @@ def data_command(
         return replace(state, definition=_definition(source, line, words, state))
     if name in ERROR_COMMANDS:
         code = ERROR_COMMANDS[name]
-        found = _errors(source, line, name, words, ERROR_UNITS[code])
+        given = source.field(line, rest, f"#{name}")
+        found = stated_errors(given, words, ERROR_UNITS[code])
         return replace(state, errors={**state.errors, code: found})
     if name in ANGLE_COMMANDS:
         only_words(source, line, name, words, 0)
@@ -195,9 +196,9 @@ def data_command(
     if name == "gps_error_type":
         valid = ("full", "correlation", "diagonal", "enu")
         kinds = [w.lower() for w in words if w.lower() not in ("upper", "lower")]
-        given = source.field(line, " ".join(kinds), "#gps_error_type").word(valid)
+        form = source.field(line, " ".join(kinds), "#gps_error_type").word(valid)
         upper = "upper" in rest.lower().split()
-        return replace(state, error_type=given or state.error_type, upper=upper)
+        return replace(state, error_type=form or state.error_type, upper=upper)
     if name in ("projection", "classification", *CLASS_ITEMS):
         only_words(source, line, name, words, 1)
         value = source.field(line, words[0] if words else None, f"#{name}").name()
@@ -247,14 +248,16 @@ def _classify(
     return _classified(state, kinds, words[0].lower(), words[1])
 
 
-def _errors(
-    source: TextSource,
-    line: int,
-    name: str,
-    words: list[str],
-    units: Mapping[str, tuple[int, float]],
+def stated_errors(
+    given: Field, words: Sequence[str], units: Mapping[str, tuple[int, float]]
 ) -> dict[str, tuple[float, ...]]:
-    """Return default errors by unit of ``#ds_error 10 mm 2 ppm``, SI."""
+    """Return errors by unit of ``10 mm 2 ppm``, SI; what is wrong is noted.
+
+    Args:
+        given: the field of all words, which problems name.
+        words: numbers and units, one by one.
+        units: number of values before each unit, and its size.
+    """
     out: dict[str, tuple[float, ...]] = {}
     values: list[str] = []
     for word in words:
@@ -264,19 +267,18 @@ def _errors(
         unit = word.lower()
         size, scale = units[unit]
         if unit in out:
-            source.wrong(line, f"#{name} has the unit {unit} twice")
+            given.wrong(f"has the unit {unit} twice")
         elif len(values) != size:
-            source.wrong(line, f"#{name} needs {size} values before {unit}, not {len(values)}")
+            given.wrong(f"needs {size} values before {unit}, not {len(values)}")
         else:
-            numbers = tuple(
-                source.field(line, v, f"#{name}").number(scale=scale, least=0.0) for v in values
-            )
+            fields = (Field(v, given.what, given.where, given.problems) for v in values)
+            numbers = tuple(f.number(scale=scale, least=0.0) for f in fields)
             if not is_unread(*numbers):
                 out[unit] = numbers
         values = []
     if values or not words:
         valid = " ".join(f"{'# ' * size}{unit}" for unit, (size, _) in units.items())
-        source.wrong(line, f"#{name} must be {valid}, and not end in {' '.join(values)[:40]!r}")
+        given.wrong(f"must be {valid}, and not end in {' '.join(values)[:40]!r}")
     return out
 
 

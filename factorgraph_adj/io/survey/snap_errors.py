@@ -176,13 +176,14 @@ def _stated_covariance(
         xx, xy, yy, xz, yz, zz = first.errors or (math.nan,) * 6
         return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     sigmas = np.concatenate([np.array((r.errors or ())[:3]) for r in readings])
-    if found.error_type == "correlation":
+    if found.error_type in ("correlation", "enu_correlation"):
         if matrix is None:
             xy, xz, yz = (first.errors or ())[3:]
             matrix = np.array([[1.0, xy, xz], [xy, 1.0, yz], [xz, yz, 1.0]])
-        return np.asarray(matrix * np.outer(sigmas, sigmas))
-    out = np.diag(np.square(sigmas))
-    if found.error_type == "enu":
+        out = np.asarray(matrix * np.outer(sigmas, sigmas))
+    else:
+        out = np.diag(np.square(sigmas))
+    if found.error_type in ("enu", "enu_correlation"):
         for i, r in enumerate(readings):
             codes = (r.station, r.target) if kind == "GB" else (r.target or r.station,)
             axes = _middle_horizon(stations, codes)

@@ -8,85 +8,36 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal, TypeAlias
 
-from ..source import LeftOutReason, Problems, TextSource, is_unread
+from ..source import Problems, TextSource, is_unread
+from .snap_commands import (
+    ANTENNA,
+    DEFORMING_DATUMS,
+    DIMENSIONS,
+    HARMLESS,
+    INCLUDED_DEPTH,
+    ITERATION,
+    LISTING,
+    MODES,
+    OBSERVATION_COMMANDS,
+    OBSERVATION_OPTIONS,
+    OF_COMPUTATION,
+    OF_LISTING,
+    REFUSED,
+    STATION_COMMANDS,
+    Mode,
+    StationCommand,
+)
 from .snap_coordinates import SnapStations, read_coordinate_file
+from .snap_csv_formats import CsvOptions, read_definition
+from .snap_csv_observations import read_csv_observations
+from .snap_csv_stations import read_csv_stations
 from .snap_lines import found_file, records, words_of
 from .snap_parameters import DEFAULT_REFRACTION, JobParameters
 from .snap_readings import SnapSet, read_data_file
 from .snap_recoding import Recodings
 from .snap_selections import JobLine, ObservationTest, observation_test
 from .snap_sinex import SinexOptions, read_sinex_set
-
-Mode: TypeAlias = Literal["adjustment", "data_check", "free", "design"]
-MODES: dict[str, Mode] = {
-    "adjustment": "adjustment",
-    "data_check": "data_check",
-    "free_net_adjustment": "free",
-    "data_consistency": "free",
-    "network_analysis": "design",
-    "preanalysis": "design",
-}
-DIMENSIONS = {"3d": "3d", "2d": "2d", "horizontal": "2d", "1d": "1d", "vertical": "1d"}
-INCLUDED_DEPTH = 20
-"""Largest number of files that include one another; more are a circle."""
-LISTING = (
-    *(
-        "title",
-        "list",
-        "print",
-        "output",
-        "output_csv",
-        "output_coordinate_file",
-        "output_precision",
-    ),
-    *("add_residual_column", "define_residual_format", "coordinate_precision", "plot"),
-    *("station_code_width", "sort_observations", "summarize_errors_by", "summarise_errors_by"),
-    *("summarize_residuals_by", "summarise_residuals_by", "number_of_worst_residuals"),
-    *("flag_significance", "redundancy_flag_level", "mde_power", "file_location_frequency"),
-    *("specification", "test_specification", "spec_test_options", "error_type"),
-)
-"""Commands of the listing."""
-ITERATION = (
-    *("convergence_tolerance", "max_iterations", "min_iterations", "max_adjustment"),
-    *("reorder_stations", "magic_number", "use_zero_inverse", "topocentre"),
-)
-"""Commands of the computation, which the reader or the adjustment settles itself."""
-OF_LISTING = LeftOutReason("commands of the listing", "they have no effect on the network")
-OF_COMPUTATION = LeftOutReason(
-    "commands of the computation", "the adjustment settles iterations, order and middle itself"
-)
-REFUSED = {
-    "geoid": "the geoid {0} is a grid of SNAP that is not read: write geoid heights and "
-    "deflections into the coordinate file, as snapgeoid does",
-    "station_offset_file": "offsets of stations in time ({0}) have no counterpart",
-    "systematic_error": "parameters of systematic errors ({0}) have no counterpart",
-    "gps_vertical": "one vertical for the errors of all vectors ({0}) is not read: leave it out, "
-    "and each has its own",
-    "reference_frame_scale_error": "a scale of the frame of the network ({0}) has no counterpart: "
-    "state a scale of distances and of reference frames",
-}
-"""Commands that are refused, with the reason."""
-HARMLESS = {"geoid": "none", "gps_vertical": "individual"}
-"""Words with which a refused command changes nothing."""
-StationCommand: TypeAlias = Literal["fix", "free", "float", "reject", "ignore", "accept"]
-DEFORMING_DATUMS = {"NZGD2000": "the deformation model of NZGD2000"}
-"""Models that SNAP applies by default, by datum."""
-STATION_COMMANDS: tuple[StationCommand, ...] = (
-    *("fix", "free", "float"),
-    *("reject", "ignore", "accept"),
-)
-OBSERVATION_OPTIONS = {
-    "calculate_gx_translation": "GX",
-    "use_distance_ratios_as_distances": "DR",
-}
-"""Options of observations, with the kind that they concern."""
-ANTENNA = "gps_antenna_height"
-OBSERVATION_COMMANDS = (
-    *("reject_observations", "ignore_observations", "reweight_observations"),
-    ANTENNA,
-)
 
 
 @dataclass(frozen=True)
@@ -188,10 +139,12 @@ class _JobReader:
             **{name: self._station_command(name) for name in STATION_COMMANDS},
             **{name: self._observation_command(name) for name in OBSERVATION_COMMANDS},
         }
-        self.depth = 0
+        self.folders: list[Path] = []
+        """Folders of the command files that are being read, the innermost first."""
 
     def read(self, source: TextSource) -> None:
         """Read a command file; what is wrong is noted."""
+        self.folders.insert(0, source.path.parent)
         for line, text in records(source):
             words = words_of(text)
             name = words.pop(0).lower()
@@ -206,6 +159,7 @@ class _JobReader:
                 act = source.field(line, name, "command").choice(self.by_name)
                 if act is not None:
                     act(at)
+        self.folders.pop(0)
 
     def finish(self) -> SnapJob:
         """Return the job, after what needs all files is read."""
@@ -247,15 +201,25 @@ class _JobReader:
     def _deformation(self, at: JobLine) -> None:
         self.job.deformation = " ".join(at.words)
 
-    def _coordinates(self, at: JobLine) -> None:
-        if len(at.words) > 1:
-            at.wrong(
-                f"coordinate_file as {' '.join(at.words[1:])[:40]!r} is not read; valid: the "
-                "coordinate file of SNAP (.crd)"
-            )
-            return
+    def _station_file(self, at: JobLine) -> SnapStations | None:
+        """Return the stations of the file of the words ``FILE [csv [NAME=VALUE …]]``."""
         path = self._file(at, ".crd", "coordinate file")
-        found = None if path is None else read_coordinate_file(path, self.problems)
+        form, *more = at.words[1:] or ("",)
+        options = CsvOptions()
+        wrong = [word for word in more if not options.take(at, word)]
+        if form.lower() not in ("", "csv") or wrong:
+            at.wrong(
+                f"coordinate_file as {' '.join((form, *wrong))[:40]!r} is not read; valid: the "
+                "coordinate file of SNAP (.crd), or csv, format=NAME and options of the format"
+            )
+            return None
+        if path is None or not form:
+            return None if path is None else read_coordinate_file(path, self.problems)
+        definition = read_definition(at, path, options, self.folders, "stn")
+        return None if definition is None else read_csv_stations(path, definition)
+
+    def _coordinates(self, at: JobLine) -> None:
+        found = self._station_file(at)
         if found is None:
             return
         if self.job.stations is None:
@@ -273,11 +237,7 @@ class _JobReader:
         valid = {k: k for k in ("stations", "coordinates", "classes", "existing_classes")}
         for kind in kinds:
             at.source.field(at.line, kind, "what add_coordinate_file adds").choice(valid)
-        if len(rest) != 1:
-            at.wrong("add_coordinate_file: valid is one coordinate file of SNAP (.crd)")
-            return
-        path = self._file(replace(at, words=tuple(rest)), ".crd", "coordinate file")
-        found = None if path is None else read_coordinate_file(path, self.problems)
+        found = self._station_file(replace(at, words=tuple(rest)))
         if found is None:
             return
         if self.job.stations is None:
@@ -313,8 +273,9 @@ class _JobReader:
     def _data(self, at: JobLine) -> None:
         path = self._file(at, ".dat", "data file")
         words = list(at.words[1:])
-        sinex = SinexOptions() if words and words[0].lower() == "sinex" else None
-        words = words[1:] if sinex is not None else words
+        form = words[0].lower() if words else ""
+        options = {"sinex": SinexOptions, "csv": CsvOptions}.get(form, lambda: None)()
+        words = words if options is None else words[1:]
         factor, own = 1.0, None
         while words:
             word = words.pop(0)
@@ -325,30 +286,32 @@ class _JobReader:
             elif low == "recode" and words:
                 own = Recodings()
                 own.read_file(at, words.pop(0))
-            elif sinex is None or not sinex.take(at, word):
+            elif options is None or not options.take(at, word):
                 at.wrong(
                     f"data_file as {word[:40]!r} is not read; valid: the observation file of SNAP "
-                    "(.dat), or sinex, code=, ref_frame=, date=; error_factor, recode"
+                    "(.dat), or sinex, code=, ref_frame=, date=, or csv, format=NAME and options "
+                    "of the format; error_factor, recode"
                 )
                 return
         if path is None or is_unread(factor):
             return
-        if sinex is None:
-            sets = read_data_file(path, self.problems)
+        if isinstance(options, SinexOptions):
+            sets = read_sinex_set(at, path, options)
+        elif isinstance(options, CsvOptions):
+            definition = read_definition(at, path, options, self.folders, "obs")
+            sets = [] if definition is None else read_csv_observations(path, definition)
         else:
-            sets = read_sinex_set(at, path, sinex)
+            sets = read_data_file(path, self.problems)
         self.job.files.append(DataFile(at.words[0], tuple(sets), factor, own))
 
     def _include(self, at: JobLine) -> None:
         path = self._file(at, ".inc", "included file")
         if path is None:
             return
-        if self.depth >= INCLUDED_DEPTH:
+        if len(self.folders) > INCLUDED_DEPTH:
             at.wrong(f"more than {INCLUDED_DEPTH} files include one another: {at.words[0]!r}")
             return
-        self.depth += 1
         self.read(TextSource(path, self.problems, code_page="cp1252"))
-        self.depth -= 1
 
     # -- statements -------------------------------------------------------------------------------
 
