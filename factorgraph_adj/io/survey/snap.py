@@ -89,11 +89,13 @@ def read_snap(path: str | Path, *, deformation: Literal["refuse", "none"] = "ref
     Lengths are metres; angles degrees, minutes and seconds, packed or decimal degrees by the
     commands of the file, and their errors seconds or degrees.
 
-    A data file in SINEX is a set of GX with the constraints of its solution.
+    A data file in SINEX is a set of GX with the constraints of its solution. Stations and
+    observations may be delimited text (``csv``) with a format definition (``.dtf``) beside them or
+    beside the job: columns, options of the command, tables, defaults, errors of instruments.
 
     Not read, and refused by name: deformation models, geoid grids, offsets of stations in time,
     systematic errors, reference frames with unknown single components or rates, errors of offsets
-    and centroids, files in CSV.
+    and centroids.
 
     Args:
         path: the command file.

@@ -27,8 +27,8 @@ OPTION_OFF = "N"
 """Value of an option that is written as ``-NAME``."""
 _PART = re.compile(
     r"\s*(?:(?P<default>default)|(?P<number>-?\d+\.?\d*)|\"(?P<text>(?:[^\"]|\"\")*)\""
-    r"|\$(?P<option>\w+)|@?(?P<column>[a-z_]\w*|(?<=@)\w+)"
-    r"|(?P<table>[a-z_]\w*)\(\s*(?:\$(?P<looked_option>\w+)|@?(?P<looked_column>\w+))\s*\)"
+    r"|\$(?P<option>\w+)|@(?P<column>\w+)"
+    r"|(?P<table>[a-z_]\w*)\(\s*(?:\$(?P<looked_option>\w+)|@(?P<looked_column>\w+))\s*\)"
     r"|(?P<other>\S+))(?=\s|$)",
     re.IGNORECASE,
 )
@@ -170,6 +170,8 @@ class CsvDefinition:
         self.tables: dict[str, dict[str, str]] = {}
         self.used: list[str] = []
         """Columns of values without a default."""
+        self.classes: list[str] = []
+        """Columns that are classifications, without those that only begin so."""
         self._read()
 
     def _read(self) -> None:
@@ -184,6 +186,7 @@ class CsvDefinition:
             if table is not None:
                 if low == "end_lookup":
                     table = None
+                    self.alone(line, name, rest)
                 elif low in table:
                     self.source.wrong(line, f"the table has {name[:40]!r} twice")
                 else:
@@ -267,8 +270,8 @@ class CsvDefinition:
             else:
                 literal = part["number"] or (part["text"] or "").replace('""', '"')
                 alternatives[-1].append(CsvPart(literal))
-        if not alternatives[0]:
-            self.source.wrong(stated.line, f"{stated.name} needs a value")
+        if not all(alternatives):
+            self.source.wrong(stated.line, f"{stated.name} needs a value, and one behind 'default'")
         if len(alternatives) == 1:
             self.used += columns
         return CsvValue(tuple(tuple(parts) for parts in alternatives))
@@ -287,12 +290,23 @@ class CsvDefinition:
     def _option(self, name: str) -> str:
         return self.options.values.get(name.lower(), "")
 
+    def alone(self, line: int, name: str, rest: str) -> None:
+        """Refuse words behind a command that takes none."""
+        if rest.strip():
+            self.source.wrong(line, f"{name} takes no words, not {rest.strip()[:40]!r}")
+
     def named(self, stated: DefinitionLine) -> tuple[str, CsvValue]:
         """Return the name in small letters and the value of a line ``COMMAND NAME value``."""
         name, rest = (*stated.rest.split(None, 1), "", "")[:2]
         if not name:
             self.source.wrong(stated.line, f"{stated.name} needs a name and a value")
         return name.lower(), self.value(replace(stated, rest=rest))
+
+    def class_columns(self, stated: DefinitionLine) -> list[str]:
+        """Return the names of columns that are classifications, those with wildcards too."""
+        names = stated.rest.split()
+        self.classes += [normalised(name) for name in names if not name.endswith(ALL)]
+        return names
 
     def setting(self, stated: DefinitionLine) -> Field:
         """Return a value of the whole file, in which columns have no part, as a field."""
@@ -326,6 +340,7 @@ class CsvDefinition:
         """Return whether a header has all columns, none twice; what is wrong is noted."""
         twice = sorted({n for n in names if n and names.count(n) > 1})
         needed = self.required or [n for n in self.used if n not in self.optional]
+        needed = [*needed, *self.classes]
         missing = [n for n in dict.fromkeys(needed) if n not in names]
         if twice:
             source.wrong(line, f"the header has {', '.join(twice)} twice")

@@ -108,6 +108,8 @@ def observations_of(definition: CsvDefinition) -> list[CsvObservation]:
     out: list[CsvObservation] = []
     own: CsvObservation | None = None
     for stated in definition.lines:
+        if stated.name in ("observation", "end_observation", "ignore_missing_observations"):
+            definition.alone(stated.line, stated.name, stated.rest)
         if stated.name == "observation":
             own = CsvObservation(stated.line)
             out.append(own)
@@ -139,7 +141,7 @@ def _take(own: CsvObservation, stated: DefinitionLine, definition: CsvDefinition
         class_name, value = definition.named(stated)
         own.classes[class_name] = value
     elif name == "classification_columns":
-        own.class_columns += stated.rest.split()
+        own.class_columns += definition.class_columns(stated)
     elif name == "angle_format":
         own.angles = definition.setting(stated).choice(ANGLE_FORMATS) or own.angles
     elif name in ("angle_error_unit", "angle_error_units"):

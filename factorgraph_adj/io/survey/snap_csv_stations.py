@@ -103,7 +103,7 @@ class _CsvStations:
                 name, value = definition.named(stated)
                 self.classes[name] = value
             elif stated.name == "classification_columns":
-                self.class_columns += stated.rest.split()
+                self.class_columns += definition.class_columns(stated)
             else:
                 named = definition.source.field(stated.line, stated.name, "command")
                 part = named.choice(COMMANDS)

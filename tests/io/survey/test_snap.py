@@ -418,6 +418,57 @@ def test_a_reference_frame_is_applied_to_its_observations(tmp_path: Path) -> Non
     assert observation.value == pytest.approx(true, abs=TENTH_MM)
 
 
+RATES = (
+    "translation 1.2 -0.3 15.8 scale 2.5 rotation 0 0 0 epoch 2008 "
+    "translation_rate -0.12 0.03 -1.58 scale_rate -0.25 rotation_rate 3 -0.5 6.5"
+)
+RATE_STATIONS = """Stations of testrf1
+NZGD1949
+no_geoid ellipsoidal_heights
+1 41 00 46.8000000 S 173 19 15.6000000 E 150.0
+2 34 00 25.2000000 S 173 19 40.8000000 E 250.0
+3 41 00 28.8000000 S 163 19 58.8000000 E  70.0
+"""
+RATE_READINGS = """Ten years after the epoch of the frame
+#date 1 Jan 2018
+#reference_frame GPS_rate
+#gx_enu_error 40 60 120 mm
+#data GX no_heights
+1 -4787188.5515 561498.5759 -4163647.4692
+2 -5257306.6538 616140.5375 -3547246.5749
+3 -4617434.7161 1383348.3782 -4163299.6013
+"""
+
+
+@pytest.mark.published
+def test_rates_of_a_frame_move_its_matrix_at_the_date(tmp_path: Path) -> None:
+    """Lines of testrf1 (github.com/linz/snap, BSD-3), whose residuals e, n, u SNAP prints.
+
+    After ten years the frame is the rotation 30″ −5″ 65″ alone. The same readings in a frame that
+    is stated so have in SNAP's listing the residuals that they have here in both. In the frame with
+    rates SNAP moves T₀x instead of x: T₀x + (T₁₀ − T₀) T₀x, and prints 2 to 3 mm.
+    """
+    path = job(
+        tmp_path, f"fix all\nreference_frame GPS_rate {RATES}\n", RATE_STATIONS, RATE_READINGS
+    )
+    network = fga.read(path)
+    printed = 1e-4 * np.array([[0, 2, -2], [1, -3, 1], [-4, -1, 1]])
+    printed_with_rates = 1e-4 * np.array([[22, 1, -2], [29, -5, 1], [18, 2, 1]])
+    scale = 1.0 + 2.5e-6
+    angles = -np.diag([30.0, -5.0, 65.0]) * ARCSEC
+    turn = np.linalg.multi_dot(list(exp_rotation(angles)))
+    readings = [line.split()[1:] for line in RATE_READINGS.splitlines()[-3:]]
+    for i, observation in enumerate(network.observations.values()):
+        at = np.array(network.points[observation.point].coordinates)
+        axes = network.frame.basis(at[None], np.zeros((1, 2))).enu[0]
+        residual = axes @ (np.array(observation.value) - at)
+        np.testing.assert_allclose(residual, printed[i], atol=TENTH_MM)
+        moved = scale * at
+        in_snap = moved + (turn - scale * np.eye(3)) @ moved
+        found = axes @ (np.array(readings[i], dtype=float) - in_snap)
+        np.testing.assert_allclose(found, printed_with_rates[i], atol=TENTH_MM)
+
+
 @pytest.mark.parametrize("sort", ["geocentric", "topocentric"])
 def test_unknown_parameters_of_a_reference_frame_come_back(tmp_path: Path, sort: str) -> None:
     """Positions and a vector of held stations, moved by T (X + t) of the formulas above."""
@@ -709,7 +760,8 @@ def test_ranges_of_codes_go_by_their_numbers(
         ("deformation type=linz model=x", "the deformation model type=linz model=x applies"),
         ("geoid nzgeoid09", "the geoid nzgeoid09 is a grid of SNAP that is not read"),
         ("include none.inc", "site.snp:3: the included file 'none.inc' is not there"),
-        ("data_file readings.dat csv", "data_file as 'csv' is not read"),
+        ("data_file readings.dat csv", "the format definition obs.dtf is not there"),
+        ("data_file readings.dat xml", "data_file as 'xml' is not read"),
         ("data_file readings.dat sinex", "is not SINEX: the first line must begin with %=SNX"),
         ("data_file readings.dat sinex code=X", "site.snp:3: code 'X' is unknown"),
         ("refraction_coefficient X", "site.snp:3: 'X' is not read; valid: use CLASS"),
