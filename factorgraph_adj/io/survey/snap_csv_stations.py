@@ -109,10 +109,10 @@ class _CsvStations:
                 part = named.choice(COMMANDS)
                 if part is not None:
                     self.values[part] = definition.value(stated)
-        for part in ("code", "first", "second", "system"):
-            if part not in self.values:
-                named = " or ".join(c for c, p in COMMANDS.items() if p == part)
-                definition.source.wrong(0, f"stations need {named}")
+        for needed in ("code", "first", "second", "system"):
+            if needed not in self.values:
+                commands = " or ".join(c for c, p in COMMANDS.items() if p == needed)
+                definition.source.wrong(0, f"stations need {commands}")
 
     def read(self, row: CsvRow) -> bool:
         """Read a record; return whether the next can be read."""
