@@ -14,6 +14,7 @@ import numpy as np
 from .constructors import ChecksArguments
 from .errors import InputError, Problem, similar
 from .models.lens import Lens
+from .models.rolling_shutter import Readout, Towards
 from .models.unknown_registry import UnknownKind
 from .types import Array, Index, Mask
 
@@ -82,6 +83,18 @@ class Camera(metaclass=ChecksArguments):
     y_down_in_files: bool = False
     """Whether y of image coordinates, and y0, point down in files and reports; values in memory
     have y up."""
+    readout: float | None = None
+    """Readout time of the whole sensor by a rolling shutter, seconds; None: all rows are exposed at
+    the same time. It needs ``format``."""
+    readout_towards: Towards = "down"
+    """Side of the image to which the readout proceeds."""
+
+    def times(self) -> Readout | None:
+        """Return the times at which the rows are read; None without a rolling shutter."""
+        corners = self.corners()
+        if self.readout is None or corners is None:
+            return None
+        return Readout.of(self.readout, self.readout_towards, *corners)
 
     def corners(self) -> tuple[Array, Array] | None:
         """Return lower left and upper right corner of the sensor, image units; None if unknown.

@@ -130,6 +130,16 @@ def log_rotation(r: Array) -> Array:
     return np.asarray(Rotation.from_matrix(writable).as_rotvec(), dtype=float)
 
 
+def right_jacobian(w: Array) -> Array:
+    """Return J_r(w) (n, 3, 3): Exp(w + δ) = Exp(w) Exp(J_r(w) δ + ⋯)."""
+    angle2 = np.sum(w * w, axis=-1)
+    a, b = _series(angle2)
+    small = angle2 < 1e-8
+    d = np.where(small, 1.0 / 6.0 - angle2 / 120.0, (1.0 - a) / np.where(small, 1.0, angle2))
+    k = skew(w)
+    return np.eye(3) - b[..., None, None] * k + d[..., None, None] * (k @ k)
+
+
 def right_jacobian_inverse(w: Array) -> Array:
     """Return J_r⁻¹(w) (n, 3, 3): Log(Exp(w) Exp(δ)) = w + J_r⁻¹(w) δ + ⋯."""
     angle2 = np.sum(w * w, axis=-1)

@@ -14,6 +14,7 @@ from ..frames import Frame
 from ..models.base import DegenerateError, Linearised, NoDirectionError
 from ..models.image import image
 from ..models.lens import Lens
+from ..models.rolling_shutter import Readout
 from ..models.unknown_registry import VariableKind
 from ..observations import KINDS, Observation, Unit, observation_kind
 from ..observations.registry import Quantity
@@ -77,6 +78,9 @@ class Block:
     """The model; None for image coordinates."""
     lens: Lens | None = None
     """The lens model of image coordinates."""
+    readout: Readout | None = None
+    """The times of the rows of image coordinates, if their photos have a motion, which is then the
+    fourth variable."""
     constants: dict[str, Array] = field(default_factory=dict)
     """Further arguments of the model, arrays over the rows."""
     prior: bool = False
@@ -208,7 +212,12 @@ class Block:
                 values[1] = state["calibration"]
             values[1] = values[1][:, :k]
             return image(
-                frame, *values, observed=self.observed, lens=self.lens, jacobians=jacobians
+                frame,
+                *values,
+                observed=self.observed,
+                lens=self.lens,
+                readout=self.readout,
+                jacobians=jacobians,
             )
         assert self.model is not None
         if self.roles:

@@ -16,13 +16,16 @@ from scipy.sparse import csr_array
 
 from ..errors import InputError, Problem
 from ..models.base import DegenerateError
-from ..models.image import by_rotation, in_front
+from ..models.image import by_rotation, components, in_front
 from ..models.lens import Pair
+from ..models.rolling_shutter import MOTION, Turns
 from ..network.network import Network
 from ..types import Array, Index
 from .blocks import Block
-from .variables import State, Unknowns, calibration_name
+from .variables import DEFAULT, State, Unknowns, calibration_name
 
+POSE = 6
+"""Number of components of the tangent of a pose."""
 DIGIT = 16
 """Bits that are sorted at once: numpy sorts numbers of 16 bits by radix, longer ones by merging,
 which takes five times as long."""
@@ -105,7 +108,10 @@ def find_images(
 
 
 def image_blocks(network: Network, unknowns: Unknowns) -> Iterable[Block]:
-    """Yield the image coordinates, one block for each lens model, photo by photo."""
+    """Yield the image coordinates, photo by photo.
+
+    There is one block for each lens model, and for each readout of cameras whose photos move.
+    """
     photo, point, xy, sigma = network.images.columns()
     if not len(photo):
         return
@@ -114,16 +120,24 @@ def image_blocks(network: Network, unknowns: Unknowns) -> Iterable[Block]:
         [unknowns["calibration"].number[calibration_name(network, f)] for f in network.photos],
         dtype=np.intp,
     )
-    lenses = [network.cameras[f.camera].lens for f in network.photos.values()]
-    distinct = list(dict.fromkeys(lenses))
-    lens_of_photo = np.array([distinct.index(lens) for lens in lenses])
-    for number, lens in enumerate(distinct):
-        rows = np.flatnonzero(lens_of_photo[photo] == number)
+    stated = unknowns["photo_motion"].number
+    motion = np.array([stated.get(f, stated[DEFAULT]) for f in network.photos], dtype=np.intp)
+    # All photos of a camera are in the same block, because they share its calibration.
+    moving_cameras = {f.camera for f in network.photos.values() if f.name in stated}
+    forms = []
+    for f in network.photos.values():
+        camera = network.cameras[f.camera]
+        forms.append((camera.lens, camera.times() if camera.name in moving_cameras else None))
+    distinct = {form: number for number, form in enumerate(dict.fromkeys(forms))}
+    form_of_photo = np.array([distinct[form] for form in forms])
+    for (lens, readout), number in distinct.items():
+        rows = np.flatnonzero(form_of_photo[photo] == number)
         if not len(rows):
             continue
         # Rows of a photo are adjacent, because sums are formed for each photo.
         rows = rows[np.argsort(photo[rows], kind="stable")]
         ids = ImageIds(network, rows, photo[rows], point[rows])
+        moving = (("photo_motion", motion[photo[rows]]),) if readout is not None else ()
         yield Block(
             "image",
             "image",
@@ -131,6 +145,7 @@ def image_blocks(network: Network, unknowns: Unknowns) -> Iterable[Block]:
                 ("pose", photo[rows]),
                 ("calibration", calibration[photo[rows]]),
                 ("point", point[rows]),
+                *moving,
             ),
             xy[rows],
             sigma[rows],
@@ -138,6 +153,7 @@ def image_blocks(network: Network, unknowns: Unknowns) -> Iterable[Block]:
             ("x", "y"),
             ids.label,
             lens=lens,
+            readout=readout,
         )
 
 
@@ -190,11 +206,13 @@ class RayPartials:
     chunk: Chunk
     """The rays."""
     rows: Array
-    """[A v], (7 + k, 2, m)."""
+    """[A v], (own + k + 1, 2, m)."""
 
     @property
     def a(self) -> Array:
-        """Partials by the pose's tangent [ω, δX₀] and the lens's free parameters, (6 + k, 2, m).
+        """Partials by what is the photo's own and by the lens's free parameters, (own + k, 2, m).
+
+        The photo's own are the pose's tangent [ω, δX₀] and, with a rolling shutter, its motion.
 
         Partials by the object point are those by X₀ with the opposite sign. Held components have
         partials too.
@@ -255,6 +273,11 @@ class ImageChunks:
         used = np.unique(self.block.variables[1][1])
         free = table.free[used[table.offset[used] >= 0]]
         return np.flatnonzero(free.any(axis=0)) if len(free) else np.zeros(0, dtype=np.intp)
+
+    @property
+    def own(self) -> int:
+        """Number of components of the photo's own: of its pose, and of its motion if it has one."""
+        return POSE + (MOTION if self.block.readout is not None else 0)
 
     @cached_property
     def alone(self) -> Index:
@@ -323,7 +346,7 @@ class ImageChunks:
         """
         lens = self.block.lens
         if lens is not None and lens.takes == "rays":
-            (_, photos), _, (_, seen) = self.block.variables
+            (_, photos), _, (_, seen), *_ = self.block.variables
             return in_front(state["pose"][photos], state["point"][seen], lens)
         number = self.block.variables[2][1]
         points, poses = state["point"], state["pose"]
@@ -374,13 +397,15 @@ class ImageChunks:
     def _evaluate(
         self, chunk: Chunk, state: State, points: Array, jacobians: bool, whitened: bool
     ) -> Array:
-        """Return [A v] (7 + k, 2, m) of a chunk; without partials v alone (1, 2, m)."""
+        """Return [A v] (own + k + 1, 2, m) of a chunk; without partials v alone (1, 2, m)."""
         block, rows = self.block, chunk.rows
         assert block.lens is not None
         number = block.variables[2][1][rows]
         m = len(number)
         d = np.take(points, number, axis=1)
-        p = np.empty((3, m))
+        x, y = self._observed[:, rows]
+        turns = self._move(chunk, state, d, x, y)
+        q = np.empty((3, m))
         rotations = []
         for photo, start, stop in chunk.parts:
             stored = state["pose"][photo]
@@ -388,18 +413,20 @@ class ImageChunks:
             rotations.append(turn)
             part = d[:, start:stop]
             part -= stored[9:, None]
-            np.matmul(turn.T, part, out=p[:, start:stop])
-        ray = p[0], p[1], p[2]
+            np.matmul(turn.T, part, out=q[:, start:stop])
+        seen = ray = components(q)
+        if turns is not None:
+            seen = components(turns.to_camera(q))
         k = len(block.lens.names)
         if chunk.calibration >= 0:
             calibration = state["calibration"][chunk.calibration, None, :k]
         else:
             own = state["calibration"][block.variables[1][1][rows], :k]
             calibration = np.asfortranarray(own)  # one contiguous array for each parameter
-        x, y = self._observed[:, rows]
-        found = block.lens.seen(ray, x, y, calibration, jacobians=jacobians)
+        found = block.lens.seen(seen, x, y, calibration, jacobians=jacobians)
         free = self.lens_free
-        a = np.empty((7 + len(free) if jacobians else 1, 2, m))
+        own = self.own
+        a = np.empty((own + len(free) + 1 if jacobians else 1, 2, m))
         weigh = self._whiten if whitened else _copy
         weigh(found.v, rows, a[-1])
         if not jacobians:
@@ -407,15 +434,41 @@ class ImageChunks:
         g = np.empty((3, 2, m))
         for pair, out in zip(found.by_p, g, strict=True):
             weigh(pair, rows, out)
-        for parameter, out in zip(free.tolist(), a[6:-1], strict=True):
+        for parameter, out in zip(free.tolist(), a[own:-1], strict=True):
             weigh(found.by_k[parameter], rows, out)
+        if turns is not None:
+            turned = [np.stack(by_rotation(seen, components(g[:, row]))) for row in range(2)]
+            a[9:12] = turns.by_turn(np.stack(turned, axis=1))
+            g = turns.to_middle(g)
         for row in range(2):
             turned = by_rotation(ray, (g[0, row], g[1, row], g[2, row]))
             a[0, row], a[1, row], a[2, row] = turned
         for turn, (_, start, stop) in zip(rotations, chunk.parts, strict=True):
             for row in range(2):
                 np.matmul(-turn, g[:, row, start:stop], out=a[3:6, row, start:stop])
+        if turns is not None:
+            np.multiply(a[3:6], turns.time, out=a[6:9])
         return a
+
+    def _move(self, chunk: Chunk, state: State, d: Array, x: Array, y: Array) -> Turns | None:
+        """Move points d (3, m) back by the shifts of their photos; return the turns of these.
+
+        Args:
+            chunk: the rays.
+            state: values of the unknowns.
+            d: object points, changed in place.
+            x: measured coordinates x, (m,).
+            y: measured coordinates y, (m,).
+
+        Returns:
+            The turns since the middle row; None: the photos have no motion.
+        """
+        if self.block.readout is None:
+            return None
+        motion = state["photo_motion"][self.block.variables[3][1][chunk.rows]]
+        time = self.block.readout.times(x, y)
+        d -= time * motion[:, :3].T
+        return Turns.of(motion[:, 3:], time)
 
     def _whiten(self, pair: Pair, rows: slice, out: Array) -> None:
         """Write values of both components times the whitener to out (2, m)."""

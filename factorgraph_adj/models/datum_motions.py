@@ -115,6 +115,17 @@ def of_poses(motions: Motions, values: Array, at: Index) -> Array:
     return out
 
 
+def of_photo_motions(motions: Motions, values: Array, at: Index) -> Array:
+    """Return the motions of motions of photos: velocities turn with the object and scale with it.
+
+    Turns are about the axes of the camera, which turn with the object.
+    """
+    out = np.zeros((len(values), 6, 7))
+    out[:, :3, 3:6] = -skew(values[:, :3]) / motions.size
+    out[:, :3, 6] = values[:, :3] / motions.size
+    return out
+
+
 def of_frames(motions: Motions, values: Array, at: Index) -> Array:
     """Return the motions of frames, see `sub_frame`: what is measured in them stays.
 

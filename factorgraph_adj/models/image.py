@@ -33,6 +33,7 @@ from .frame_axes import axis_of
 from .inverse_lens import rays_and_partials
 from .lens import Lens
 from .positions import split_pose
+from .rolling_shutter import MOTION, Readout, Turns
 
 EXCHANGED = "x and y, exchanged,"
 ALONG_X, ALONG_Y = "the direction of x", "the direction of y"
@@ -74,9 +75,11 @@ def image(
     pose: Array,
     calibration: Array,
     point: Array,
+    motion: Array | None = None,
     *,
     observed: Array,
     lens: Lens,
+    readout: Readout | None = None,
     jacobians: bool = True,
 ) -> Linearised:
     """Compute v = computed − observed of image coordinates, (n, 2), image units.
@@ -86,10 +89,12 @@ def image(
         pose: stored poses, (n, 12).
         calibration: parameters of the lens, (n, k).
         point: object points, (n, 3), metres.
+        motion: motions of the photos during the readout, (n, 6), see `rolling_shutter`.
         observed: measured coordinates, (n, 2).
         lens: the lens model.
+        readout: times of the rows; None: the photos have no motion.
         jacobians: whether to compute partials by the pose's tangent [ω, δX₀] (n, 2, 6), the
-            calibration (n, 2, k) and the point (n, 2, 3).
+            calibration (n, 2, k), the point (n, 2, 3) and the motion (n, 2, 6).
 
     Raises:
         DegenerateError: a point has no image: for models of tangents, it lies in the focal plane.
@@ -98,9 +103,15 @@ def image(
     """
     _, centre = split_pose(pose)
     d = point - centre
+    turns = None
+    if motion is not None and readout is not None:
+        turns = Turns.of(motion[:, 3:], readout.times(observed[:, 0], observed[:, 1]))
+        d = d - turns.time[:, None] * motion[:, :3]
     r = [[pose[:, 3 * i + j] for j in range(3)] for i in range(3)]
-    px, py, pz = (d[:, 0] * r[0][j] + d[:, 1] * r[1][j] + d[:, 2] * r[2][j] for j in range(3))
-    p = px, py, pz
+    qx, qy, qz = (d[:, 0] * r[0][j] + d[:, 1] * r[1][j] + d[:, 2] * r[2][j] for j in range(3))
+    p = q = qx, qy, qz
+    if turns is not None:
+        p = components(turns.to_camera(np.stack(q)))
     found = lens.seen(p, observed[:, 0], observed[:, 1], calibration, jacobians=jacobians)
     v = np.stack(found.v, 1)
     if not jacobians:
@@ -109,15 +120,27 @@ def image(
     by_pose = np.empty((n, 2, 6))
     by_point = np.empty((n, 2, 3))
     by_k = np.empty((n, 2, len(found.by_k)))
+    by_motion = np.empty((n, 2, MOTION))
     for row in range(2):
         gx, gy, gz = (g[row] for g in found.by_p)
-        for i, turned in enumerate(by_rotation(p, (gx, gy, gz))):
+        if turns is not None:
+            by_motion[:, row, 3:] = turns.by_turn(np.stack(by_rotation(p, (gx, gy, gz)))).T
+            gx, gy, gz = components(turns.to_middle(np.stack([gx, gy, gz])))
+        for i, turned in enumerate(by_rotation(q, (gx, gy, gz))):
             by_pose[:, row, i] = turned
             by_point[:, row, i] = gx * r[i][0] + gy * r[i][1] + gz * r[i][2]
         for j, pair in enumerate(found.by_k):
             by_k[:, row, j] = pair[row]
     np.negative(by_point, out=by_pose[:, :, 3:])
-    return Linearised(v, (by_pose, by_k, by_point))
+    if turns is None:
+        return Linearised(v, (by_pose, by_k, by_point))
+    by_motion[:, :, :3] = turns.time[:, None, None] * by_pose[:, :, 3:]
+    return Linearised(v, (by_pose, by_k, by_point, by_motion))
+
+
+def components(vectors: Array) -> tuple[Array, Array, Array]:
+    """Return the three components (n,) of vectors (3, n)."""
+    return vectors[0], vectors[1], vectors[2]
 
 
 def by_rotation(p: tuple[Array, Array, Array], g: tuple[Array, Array, Array]) -> tuple[Array, ...]:

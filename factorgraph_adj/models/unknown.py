@@ -126,6 +126,8 @@ class UnknownKind:
     """Whether the first three components are a shift of observed coordinates along x, y, z."""
     at_point: bool = False
     """Whether the unknown belongs to a point, whose name is the first key."""
+    in_photo: bool = False
+    """Whether the unknown belongs to a photo, whose name is its key."""
     across: bool = False
     """Whether the two components point north and east: they turn with the object about the
     vertical."""

@@ -189,6 +189,27 @@ _BUILT_IN: Sequence[UnknownKind] = (
         late=1,
     ),
     UnknownKind(
+        "photo_motion",
+        "motion of photo",
+        "x",
+        (
+            *(Component(f"{a}_t", "length", power=1) for a in "xyz"),
+            *(Component(f"r{a}_t", "angle", power=1) for a in "xyz"),
+        ),
+        short="motion",
+        motions=datum_motions.of_photo_motions,
+        late=1,
+        table=UnknownTable("photo_motions", ("photo",)),
+        default=(0.0,) * 6,
+        absent="default",
+        in_photo=True,
+        remedy=(
+            "the image points of a photo tell its motion only where they fill the rows of the "
+            "image and their distances differ: give the motion standard deviations, or tie it to "
+            "the neighbouring photos"
+        ),
+    ),
+    UnknownKind(
         "calibration",
         "calibration of camera",
         "k",

@@ -83,6 +83,8 @@ def _add_camera(network: Network, camera: Camera) -> None:
         format=camera.format,
         origin=camera.origin,
         y_down_in_files=camera.y_down_in_files,
+        readout=camera.readout,
+        readout_towards=camera.readout_towards,
     )
 
 

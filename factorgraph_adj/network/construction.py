@@ -10,6 +10,7 @@ import numpy as np
 from ..entities import ORIGINS, Camera, Origin, Parameter, Photo, Point, parameter, sigmas, triple
 from ..errors import InputError, Problem, known, similar, unknown_name
 from ..models.lens import Lens
+from ..models.rolling_shutter import TOWARDS, Towards
 from ..models.unknown_registry import UNKNOWNS, UnknownKind
 from ..rotation import nearest_rotation, world_R_camera
 from ..types import Array
@@ -66,6 +67,8 @@ def checked_camera(
     format: Sequence[float] | None,
     origin: Origin,
     y_down_in_files: bool,
+    readout: float | None,
+    readout_towards: Towards,
 ) -> Camera:
     """Return a camera; arguments and errors are those of `Network.add_camera`."""
     where = f"camera {name!r}"
@@ -112,6 +115,8 @@ def checked_camera(
         raise InputError(Problem(f"sigma of {', '.join(bad)} must be > 0", where))
     if origin not in ORIGINS:
         raise InputError(Problem(f"unknown origin {origin!r}; valid: {', '.join(ORIGINS)}", where))
+    if readout is not None:
+        _check_readout(readout, readout_towards, format is not None, where)
     return Camera(
         name,
         lens,
@@ -123,7 +128,22 @@ def checked_camera(
         None if format is None else _sides(format, where),
         origin,
         y_down_in_files,
+        None if readout is None else float(readout),
+        readout_towards,
     )
+
+
+def _check_readout(readout: float, towards: Towards, has_format: bool, where: str) -> None:
+    """Refuse a readout that gives no times of rows."""
+    if not (np.isfinite(readout) and readout > 0):
+        what = f"readout must be a time greater than zero, seconds, not {readout}"
+        raise InputError(Problem(what, where))
+    if towards not in TOWARDS:
+        what = f"unknown side {towards!r} of readout_towards; valid: {', '.join(TOWARDS)}"
+        raise InputError(Problem(what, where))
+    if not has_format:
+        what = "a readout time needs the format of the sensor, in which its rows are"
+        raise InputError(Problem(what, where))
 
 
 def _sides(format: Sequence[float], where: str) -> tuple[float, float]:

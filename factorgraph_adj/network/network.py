@@ -18,6 +18,7 @@ from ..entities import FREE_ORIENTATION, Camera, ImageTable, Origin, Parameter, 
 from ..errors import Doubt, InputError, LeftOut, Problem, UnknownLeftOut, known
 from ..frames import Frame, LocalFrame
 from ..models.lens import Lens
+from ..models.rolling_shutter import Towards
 from ..models.unknown_registry import UNKNOWNS, VariableKind, parameter_kinds
 from ..observations import AnyObservation, Correlated, ImagePoint, Observation
 from ..result_display import Rows, Shown
@@ -174,6 +175,8 @@ class Network(StatedUnknowns, Shown):
         format: Sequence[float] | None = None,
         origin: Origin = "centre",
         y_down_in_files: bool = False,
+        readout: float | None = None,
+        readout_towards: Towards = "down",
     ) -> None:
         """Add a camera.
 
@@ -191,10 +194,16 @@ class Network(StatedUnknowns, Shown):
             format: width and height of the sensor, image units, for plots and their coverage.
             origin: place of the origin of image coordinates on the sensor, for the same.
             y_down_in_files: whether y and y0 point down in files and reports; here y is up.
+            readout: readout time of the whole sensor by a rolling shutter, seconds; it needs the
+                format. Photos then have a motion during it, see `set_unknown`, of kind
+                ``photo_motion``; those without one stand still.
+            readout_towards: side of the image to which the readout proceeds.
         """
         refuse_duplicate(name, self.cameras, "camera")
         options = (sigma, unit, per_photo, format, origin, y_down_in_files)
-        self.cameras[name] = checked_camera(name, lens, values, free, *options)
+        self.cameras[name] = checked_camera(
+            name, lens, values, free, *options, readout, readout_towards
+        )
 
     def add_photo(
         self,

@@ -76,6 +76,8 @@ class StatedUnknowns(StatedShapes):
         where = f"{record.noun} {parameter_name(key)!r}"
         if record.at_point:
             required(keys[0], self.points, "point", where)
+        if record.in_photo:
+            required(keys[0], self.photos, "photo", where)
         start = [c.start for c in record.components] if values is None else values
         self.of_kind(kind)[key] = parameter(record, start, fixed, sigma, where)
 

@@ -44,7 +44,12 @@ _METER = ("edm", "instrument")
 _KAPPA = ("refraction", "refraction")
 _INDEX = ("index_error", "index_error")
 _COLLIMATION = ("collimation_error", "collimation_error")
-_RAY = (("pose", "photo"), ("calibration", "photo"), ("point", "point"))
+_RAY = (
+    ("pose", "photo"),
+    ("calibration", "photo"),
+    ("point", "point"),
+    ("photo_motion", "photo"),
+)
 _POINT = (("point", "point"),)
 _IN_FRAME = (
     ("frame", "frame"),

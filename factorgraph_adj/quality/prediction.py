@@ -314,7 +314,7 @@ def _new_rows(equations: Equations, solution: Solution) -> Index:
     own_point = np.array([point_number.get(n, -1) for n in mine.points], dtype=np.intp)
     for block in equations.blocks:
         if block.image:
-            (_, photo), _, (_, point) = block.variables
+            (_, photo), _, (_, point), *_ = block.variables
             i, j = own_photo[photo], own_point[point]
             code = np.where((i < 0) | (j < 0), -1, i * len(points) + j)
             inside = np.isin(code, f * len(points) + p)

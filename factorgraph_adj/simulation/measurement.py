@@ -142,7 +142,7 @@ def measure(plan: Network, *, seed: Seed, noise: bool = True) -> Network:
     for block in equations.blocks:
         value = block.moved(errors[block.rows].reshape(block.observed.shape))
         if block.image:
-            (_, photo), _, (_, point) = block.variables
+            (_, photo), _, (_, point), *_ = block.variables
             measured.images.append(photo, point, value, block.sigma)
             continue
         for ident, row in zip(block.ids, value.tolist(), strict=True):

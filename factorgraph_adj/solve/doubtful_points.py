@@ -159,7 +159,7 @@ def points_with_narrow_rays(equations: Equations, state: State, layers: Layers) 
             if target is not None and len(block.variables) > 1:
                 by_cameras[block.variables[target][1]] = False
             continue
-        (_, photo), _, (_, point) = block.variables
+        (_, photo), _, (_, point), *_ = block.variables
         sight = state["point"][point] - state["pose"][photo, 9:]
         d = sight / np.linalg.norm(sight, axis=1)[:, None]
         for i in range(3):

@@ -256,7 +256,8 @@ def _photos_of(equations: Equations, kind: VariableKind) -> Index:
 
 def _stands_nowhere(kind: VariableKind) -> bool:
     """Return whether unknowns of a kind are neither at a point nor in a photo."""
-    return kind not in ("point", "pose", "calibration") and not UNKNOWNS[kind].at_point
+    record = UNKNOWNS[kind]
+    return kind not in ENTITIES and not record.at_point and not record.in_photo
 
 
 def first_point(block: Block) -> int | None:
@@ -269,5 +270,4 @@ def first_point(block: Block) -> int | None:
 
 def is_placed(kind: VariableKind) -> bool:
     """Return whether unknowns of a kind, such as frames, may be nodes without a point."""
-    record = UNKNOWNS[kind]
-    return record.late == 1 and kind not in ENTITIES and not record.at_point
+    return UNKNOWNS[kind].late == 1 and _stands_nowhere(kind)

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from ..graph.blocks import Block
-from ..graph.image_blocks import ImageChunks, RayPartials
+from ..graph.image_blocks import POSE, ImageChunks, RayPartials
 from ..graph.variables import State
 from ..models.unknown_registry import VariableKind
 from ..types import Array, Index
@@ -138,7 +138,7 @@ class LinearRays:
     """The rays in chunks."""
     parts: tuple[RayPartials, ...]
     """Whitened residuals and partials of each chunk."""
-    kinds: frozenset[VariableKind] = frozenset(("pose", "calibration", "point"))
+    kinds: frozenset[VariableKind] = frozenset(("pose", "calibration", "point", "photo_motion"))
     """Kinds of variables that are not held."""
 
     @classmethod
@@ -161,13 +161,15 @@ class LinearRays:
 
     @cached_property
     def offsets(self) -> tuple[Index, ...]:
-        """First column of pose, calibration and point (n,), −1 where they are constants."""
+        """First column of each variable (n,), −1 where they are constants."""
         unknowns = self.chunks.unknowns
         return tuple(unknowns[kind].offset[index] for kind, index in self.block.variables)
 
     @cached_property
     def a(self) -> tuple[Array, ...]:
-        """Partials by pose (n, 2, 6), calibration (n, 2, k) and point (n, 2, 3), whitened.
+        """Partials by pose (n, 2, 6), calibration (n, 2, k), point (n, 2, 3), whitened.
+
+        Photos that move have partials by their motion (n, 2, 6) besides.
 
         They are zero for held components, and empty if all variables of the kind are held.
         """
@@ -179,20 +181,21 @@ class LinearRays:
         assert lens is not None
         free = self.chunks.lens_free
         n = len(rows)
-        pose, point = np.empty((n, 2, 6)), np.empty((n, 2, 3))
+        own = self.chunks.own
+        of_photo, point = np.empty((n, 2, own)), np.empty((n, 2, 3))
         calibration = np.zeros((n, 2, len(lens.names)))
         cuts = np.searchsorted(rows, [p.chunk.rows.start for p in self.parts] + [self.block.n])
         for part, start, stop in zip(self.parts, cuts[:-1], cuts[1:], strict=True):
             if start == stop:
                 continue
             a = part.a[:, :, rows[start:stop] - part.chunk.rows.start].transpose(2, 1, 0)
-            pose[start:stop] = a[:, :, :6]
-            calibration[start:stop, :, free] = a[:, :, 6:]
+            of_photo[start:stop] = a[:, :, :own]
+            calibration[start:stop, :, free] = a[:, :, own:]
             np.negative(a[:, :, POINT_PARTIALS], out=point[start:stop])
         out = []
-        for (kind, index), partials in zip(
-            self.block.variables, (pose, calibration, point), strict=True
-        ):
+        every = [of_photo[:, :, :POSE], calibration, point]
+        every += [of_photo[:, :, POSE:]] if own > POSE else []
+        for (kind, index), partials in zip(self.block.variables, every, strict=True):
             table = self.chunks.unknowns[kind]
             if kind not in self.kinds or not (table.offset[index] >= 0).any():
                 out.append(partials[:0])
@@ -212,7 +215,7 @@ class LinearRays:
 
     @cached_property
     def photos(self) -> tuple[list[Array], ...]:
-        """[A v]ᵀ[A v] of the rays of each photo of each chunk, (7 + k, 7 + k) each."""
+        """[A v]ᵀ[A v] of the rays of each photo of each chunk, (own + k + 1, …) square each."""
         return tuple(
             photo_products(p.rows, [(start, stop) for _, start, stop in p.chunk.parts])
             for p in self.parts
@@ -245,16 +248,16 @@ class LinearRays:
         )
 
     def _add_sums(self, out: Array, of_photo: Callable[[Array], Array], of_points: Array) -> None:
-        """Add what the products of photos give, (6 + k,), and values of points (3, n)."""
+        """Add what the products of photos give, (own + k,), and values of points (3, n)."""
         sums = self._zeros(1)
         calibration = self.block.variables[1][1]
-        free = self.chunks.lens_free
+        free, own = self.chunks.lens_free, self.chunks.own
         for part, products in zip(self.parts, self.photos, strict=True):
             for (photo, start, _), product in zip(part.chunk.parts, products, strict=True):
                 value = of_photo(product)
                 number = calibration[part.chunk.rows.start + start]
-                sums["pose"][photo, :, 0] += value[:6]
-                sums["calibration"][number, free, 0] += value[6:]
+                self._add_own(sums, photo, part.chunk.rows.start + start, value[:own, None])
+                sums["calibration"][number, free, 0] += value[own:]
         sums["point"] = of_points.T[:, :, None]
         self._add(out[:, None], sums)
 
@@ -264,8 +267,8 @@ class LinearRays:
         """Return A G (n, 2, k) for G (n_columns, k)."""
         k = g.shape[1]
         out = np.empty((self.block.n, 2, k))
-        poses, lenses, points = (self._values(kind, g) for kind in ("pose", "calibration", "point"))
-        calibration, point = (self.block.variables[i][1] for i in (1, 2))
+        poses, lenses, points, *moving = (self._values(kind, g) for kind, _ in self.block.variables)
+        _, (_, calibration), (_, point), *motions = self.block.variables
         free = self.chunks.lens_free
         lenses = lenses[:, free]
         columns = np.ascontiguousarray(points.transpose(2, 1, 0))  # (k, 3, points)
@@ -273,7 +276,9 @@ class LinearRays:
             rows = part.chunk.rows
             product = np.empty((2, rows.stop - rows.start, k))
             for photo, start, stop in part.chunk.parts:
-                x = np.concatenate([poses[photo], lenses[calibration[rows.start + start]]])
+                first = rows.start + start
+                own = [of[index[first]] for of, (_, index) in zip(moving, motions, strict=True)]
+                x = np.concatenate([poses[photo], *own, lenses[calibration[first]]])
                 for row in range(2):
                     np.matmul(part.a[:, row, start:stop].T, x, out=product[row, start:stop])
             for column in range(k):
@@ -290,21 +295,36 @@ class LinearRays:
         k = z.shape[2]
         sums = self._zeros(k)
         calibration = self.block.variables[1][1]
-        free = self.chunks.lens_free
+        free, own = self.chunks.lens_free, self.chunks.own
         for part, of_points in zip(self.parts, self.chunks.sums, strict=True):
             rows = part.chunk.rows
             w = np.ascontiguousarray(z[rows].transpose(1, 0, 2))
             for photo, start, stop in part.chunk.parts:
                 a = part.a[:, :, start:stop]
                 value = a[:, 0] @ w[0, start:stop] + a[:, 1] @ w[1, start:stop]
-                sums["pose"][photo] += value[:6]
-                sums["calibration"][calibration[rows.start + start], free] += value[6:]
+                self._add_own(sums, photo, rows.start + start, value[:own])
+                sums["calibration"][calibration[rows.start + start], free] += value[own:]
             products = np.empty((rows.stop - rows.start, 3, k))
             for i, a in enumerate(part.a[POINT_PARTIALS]):
                 products[:, i] = -(a[0, :, None] * w[0] + a[1, :, None] * w[1])
             flat = sums["point"].reshape(-1, 3 * k)
             of_points.add(flat, products.reshape(len(products), -1))
         self._add(out, sums)
+
+    def _add_own(
+        self, sums: dict[VariableKind, Array], photo: int, ray: int, value: Array
+    ) -> None:
+        """Add values (own, k) of a photo to the sums of its pose and, if it has one, its motion.
+
+        Args:
+            sums: sums of each kind, changed in place.
+            photo: number of the photo.
+            ray: number of one of its rays.
+            value: the values.
+        """
+        sums["pose"][photo] += value[:POSE]
+        for kind, motion in self.block.variables[3:]:
+            sums[kind][motion[ray]] += value[POSE:]
 
     def _values(self, kind: VariableKind, g: Array) -> Array:
         """Return G of every variable of a kind, (n, width, k); zero for held components."""
@@ -326,14 +346,14 @@ class LinearRays:
 
     def _add(self, out: Array, sums: dict[VariableKind, Array]) -> None:
         """Add sums (n, width, k) of each kind to out (n_columns, k), without held components."""
-        for kind in self.kinds:
+        for kind in self.kinds.intersection(sums):
             columns = self.chunks.unknowns[kind].columns
             free = self.chunks.unknowns.free[columns, None]
             out[columns] += self.chunks.unknowns[kind].in_columns(sums[kind]) * free
 
 
 def photo_products(rows: Array, runs: Iterable[tuple[int, int]]) -> list[Array]:
-    """Return [A v]ᵀ[A v] (7 + k, 7 + k) of runs of rays, given as [A v] (7 + k, 2, m)."""
+    """Return [A v]ᵀ[A v] of runs of rays, (own + k + 1, …) square, given as [A v] (…, 2, m)."""
     out = []
     for start, stop in runs:
         x, y = rows[:, 0, start:stop], rows[:, 1, start:stop]

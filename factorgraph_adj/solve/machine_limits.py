@@ -266,7 +266,7 @@ def estimate_memory(plan: EliminationPlan, equations: Equations, state: State) -
     columns = 8
     if equations.rays:
         rays = sum(c.block.n for c in equations.rays.values())
-        columns = 2 * max(8 + len(c.lens_free) for c in equations.rays.values())
+        columns = 2 * max(2 + c.own + len(c.lens_free) for c in equations.rays.values())
     rows = equations.n_rows - 2 * rays
     points = 0
     width, side = plan.nodes.width, plan.nodes.side

@@ -50,7 +50,7 @@ class ReducedPoints:
         for photos in rays.photo_parts:
             a = photos.partials(self.system)
             half = self.cholesky.lower(a[POINT_PARTIALS], photos.points)
-            width = 6 if photos.camera >= 0 else len(a)
+            width = photos.own(self.system) if photos.camera >= 0 else len(a)
             w = np.zeros((3, rays.width, a.shape[2]))
             product = np.empty((width, 2, a.shape[2]))
             for axis in range(3):
@@ -95,26 +95,25 @@ class ReducedPoints:
         return out
 
     def _add_photos(self, out: BlockMatrix, nodes: Array) -> None:
-        """Add AᵀA of the photos (n, 6 + k, 6 + k) to their blocks."""
-        rays, w = self.rays, self.rays.width
-        n, k = rays.places.n, nodes.shape[1] - 6
-        shared = np.zeros(n, dtype=bool)
+        """Add AᵀA of the photos (n, own + k, own + k) to their blocks."""
+        rays = self.rays
+        shared = np.zeros(rays.places.n, dtype=bool)
         for part in rays.photo_parts:
             if part.camera < 0:
                 continue
             side = rays.cameras[part.camera].side
-            size = side.stop - side.start
+            own, size = part.own(self.system), side.stop - side.start
+            lens = slice(own, own + size)
             for node in sorted({run[0] for run in part.runs}):
                 if not shared[node]:
                     shared[node] = True
-                    out.side[node, :6, side] += nodes[node, :6, 6 : 6 + size]
-                    out.corner[side, side] += nodes[node, 6 : 6 + size, 6 : 6 + size]
-        out.diagonal[:, :6, :6] += nodes[:, :6, :6]
+                    out.diagonal[node, :own, :own] += nodes[node, :own, :own]
+                    out.side[node, :own, side] += nodes[node, :own, lens]
+                    out.corner[side, side] += nodes[node, lens, lens]
         alone = ~shared
-        if w > 6 and alone.any():
-            size = min(w - 6, k)
-            out.diagonal[alone, 6 : 6 + size, : 6 + size] += nodes[alone, 6 : 6 + size, : 6 + size]
-            out.diagonal[alone, :6, 6 : 6 + size] += nodes[alone, :6, 6 : 6 + size]
+        if alone.any():
+            size = min(rays.width, nodes.shape[1])
+            out.diagonal[alone, :size, :size] += nodes[alone, :size, :size]
 
     def _subtract_pairs(self, out: BlockMatrix) -> None:
         """Subtract WᵀW of all pairs of nodes with common points."""
@@ -339,9 +338,9 @@ def _in_axes(
         at = part.points[on]
         u = add(-a[POINT_PARTIALS], at)
         if part.camera >= 0:
-            side = rays.cameras[part.camera].side
+            side, own = rays.cameras[part.camera].side, part.own(system)
             for c in range(side.stop - side.start):
-                value = np.sum(u * a[6 + c], axis=1)
+                value = np.sum(u * a[own + c], axis=1)
                 for axis in range(3):
                     cross[:, axis, side.start + c] += np.bincount(
                         local[at], weights=value[axis], minlength=len(points)

@@ -43,17 +43,21 @@ class RayPart(Spokes):
         assert isinstance(block, LinearRays)
         return block
 
+    def own(self, system: LinearisedEquations) -> int:
+        """Return the number of partials by what is the photo's own, its pose and its motion."""
+        return self.of(system).chunks.own
+
     def partials(self, system: LinearisedEquations) -> Array:
-        """Return the partials of the rays, (6 + k, 2, m), see `RayPartials`."""
+        """Return the partials of the rays, (own + k, 2, m), see `RayPartials`."""
         return self._rows(system)[:-1]
 
     def _rows(self, system: LinearisedEquations) -> Array:
-        """Return [A v] of the rays, (7 + k, 2, m)."""
+        """Return [A v] of the rays, (own + k + 1, 2, m)."""
         rows = self.of(system).parts[self.number].rows
         return rows if self.chosen is None else rows[:, :, self.chosen]
 
     def products(self, system: LinearisedEquations) -> Sequence[Array]:
-        """Return [A v]ᵀ[A v] (7 + k, 7 + k) of each run."""
+        """Return [A v]ᵀ[A v] (own + k + 1, own + k + 1) of each run."""
         if self.chosen is None:
             return self.of(system).photos[self.number]
         return photo_products(self._rows(system), [(start, stop) for _, start, stop in self.runs])
@@ -61,11 +65,12 @@ class RayPart(Spokes):
     def cross(self, system: LinearisedEquations) -> Array:
         """Return JᵀA of each point with the parameters of the lens, (u, 3, k)."""
         a = self.partials(system)
-        k = len(a) - 6
+        own = self.own(system)
+        k = len(a) - own
         products = np.empty((3 * k, a.shape[2]))
         for i, j in enumerate(a[POINT_PARTIALS]):
             for c in range(k):
-                add_components(j, a[6 + c], products[i * k + c])
+                add_components(j, a[own + c], products[i * k + c])
         found = self.sums.incidence @ np.ascontiguousarray(products.T)
         return -found.reshape(len(found), 3, k)  # partials by the point have the opposite sign
 
@@ -212,12 +217,11 @@ class RaySums:
         """Sum the products of one linearisation."""
         self.rays, self.system = rays, system
         n, p = rays.places.n, rays.n_points
-        largest = max(
-            (6 + len(system.equations.rays[x.place].lens_free) for x in rays.photo_parts), default=0
-        )
+        chunks = [system.equations.rays[x.place] for x in rays.photo_parts]
+        largest = max((c.own + len(c.lens_free) for c in chunks), default=0)
         self.nodes = np.zeros((n, largest, largest))
-        """AᵀA of each node with pose and parameters of the lens, (n, 6 + k, 6 + k); empty without
-        photos."""
+        """AᵀA of each node with the photo's own and the parameters of the lens,
+        (n, own + k, own + k); empty without photos."""
         self.points = np.zeros((6, p))
         """JᵀJ of each point, (6, p)."""
         self.cross = np.zeros((p, 3, rays.side))

@@ -62,7 +62,8 @@ def _ray_leverages(
     for part in rays.photo_parts:
         a = part.partials(system)
         m = a.shape[2]
-        width = 6 if part.camera >= 0 else len(a)
+        own = part.own(system)
+        width = own if part.camera >= 0 else len(a)
         of_rays = np.ascontiguousarray(joint.rays[part.rows].transpose(1, 2, 0))
         z = np.empty((3, 2, m))
         for axis in range(3):
@@ -72,7 +73,7 @@ def _ray_leverages(
             side = rays.cameras[part.camera].side
             of_points = np.take(joint.shared[:, :, side], part.points, axis=0)
             for axis in range(3):
-                z[axis] += np.einsum("mk,krm->rm", of_points[:, axis], a[6:])
+                z[axis] += np.einsum("mk,krm->rm", of_points[:, axis], a[own:])
         others = _others(part, a, inverse, width, side)
         u = points.cholesky.lower(-a[POINT_PARTIALS], part.points)
         k = np.take(joint.inner, part.points, axis=1)
@@ -89,8 +90,8 @@ def _ray_leverages(
             for j in range(2):
                 value = u[:, i] * ku[:, j] - z[:, i] * u[:, j]
                 hat[:, i, j] += value[0] + value[1] + value[2]
-        own = points.cholesky.upper(ku, part.points)
-        yield PartLeverage(part.place, part.in_block, hat, others, own.transpose(2, 0, 1))
+        by_points = points.cholesky.upper(ku, part.points).transpose(2, 0, 1)
+        yield PartLeverage(part.place, part.in_block, hat, others, by_points)
 
 
 def _others(part: RayPart, a: Array, inverse: BlockMatrix, width: int, side: slice) -> Array:

@@ -16,7 +16,9 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ..graph.equations import Equations
+from ..graph.image_blocks import POSE
 from ..graph.variables import State, Variables
+from ..models.rolling_shutter import MOTION
 from ..models.unknown_registry import UNKNOWNS, VariableKind
 from ..types import NO_ROWS, Array, Index, Mask
 from .elimination_layers import RULE, Layers, first_point
@@ -165,11 +167,14 @@ class Nodes(NodePlaces):
         pose, lens = unknowns["pose"], unknowns["calibration"]
         free = unknowns.free & self.layers.in_fronts
         photos: dict[int, tuple[int, int] | None] = {}
+        motions: dict[int, int] = {}
         on = np.flatnonzero(pose.offset >= 0)  # photos without rays are unknowns too
         photos |= dict.fromkeys(on[self.layers.in_fronts[pose.offset[on]]].tolist())
         for place in equations.rays:
-            (_, photo), (_, calibration), _ = equations.blocks[place].variables
+            (_, photo), (_, calibration), _, *moving = equations.blocks[place].variables
             numbers, first = np.unique(photo, return_index=True)
+            for _, motion in moving:
+                motions |= zip(numbers.tolist(), motion[first].tolist(), strict=True)
             cameras = calibration[first]
             for f, k in zip(numbers.tolist(), cameras.tolist(), strict=True):
                 photos[f] = (k, place)
@@ -184,7 +189,10 @@ class Nodes(NodePlaces):
         self.n = len(self.photos)
         at = 0
         for node, f in enumerate(self.photos.tolist()):
-            own = _free_columns(free, int(pose.offset[f]), np.arange(6))
+            own = _free_columns(free, int(pose.offset[f]), np.arange(POSE))
+            if f in motions:
+                moved = int(unknowns["photo_motion"].offset[motions[f]])
+                own = np.concatenate([own, _free_columns(free, moved, np.arange(MOTION))])
             camera = photos[f]
             if camera is not None:
                 k, place = camera
@@ -222,7 +230,7 @@ class Nodes(NodePlaces):
             other = unknowns[kind]
             on = np.flatnonzero(other.offset >= 0)
             on = on[self.layers.in_fronts[other.offset[on]]]
-            if kind == "calibration":  # photos have brought those that are used
+            if kind == "calibration" or UNKNOWNS[kind].in_photo:  # photos have brought those used
                 every = np.arange(other.free.shape[1])
                 columns = np.minimum(other.offset[on][:, None] + every, unknowns.n_columns - 1)
                 has = every < other.size[on][:, None]

@@ -102,7 +102,7 @@ def wrong_photo_axes(equations: Equations) -> Iterator[Finding]:
     for block, rows in given_rows(equations, "image"):
         assert block.lens is not None
         poses = equations.unknowns["pose"].values
-        (_, photo), (_, camera), (_, point) = ((k, i[rows]) for k, i in block.variables)
+        (_, photo), (_, camera), (_, point) = ((k, i[rows]) for k, i in block.variables[:3])
         calibration = equations.unknowns["calibration"].values[camera][:, : len(block.lens.names)]
         away = equations.unknowns["point"].values[point] - poses[photo, 9:]
         rotation = poses[photo, :9].reshape(-1, 3, 3)
