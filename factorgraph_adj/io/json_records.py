@@ -32,6 +32,7 @@ from ..network.network import Network
 from ..observations import KINDS, AnyObservation, Correlated, Observation
 from ..types import Array
 from . import numbers, observation_records
+from .camera_records import read_camera_record
 from .csv_tables import REMARK_COLUMNS, FieldRow
 from .numbers import Units
 from .observation_fields import (
@@ -47,7 +48,7 @@ from .observation_fields import (
     unknown_field_message,
 )
 from .parameter_tables import parameter_columns, parameter_records, parameter_table, read_parameter
-from .project import load_project, read_camera_record
+from .project import load_project
 from .project_writer import camera_record, network_files, photo_record, point_record
 from .text_files import parse_toml
 from .unknowns_tables import PHOTO_COLUMNS, POINT_COLUMNS, UnknownsReader
@@ -346,7 +347,7 @@ def camera_of(fields: Mapping[str, object], *, source: str = "") -> Camera:
 
     Args:
         fields: the record, with the keys of [[camera]]. A σ of image coordinates has no effect
-            here; `factorgraph_adj.io.project.read_camera_record` returns it.
+            here; `factorgraph_adj.io.camera_records.read_camera_record` returns it.
         source: place of the record, for messages.
 
     Raises:

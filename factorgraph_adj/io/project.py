@@ -15,19 +15,16 @@ from pathlib import Path
 from typing import Any, Literal, cast
 
 from ..ellipsoid import ELLIPSOIDS
-from ..entities import ORIGINS, Camera, Origin
 from ..errors import InputError, Problem, known, similar
 from ..files import astray
 from ..frames import MEAN_EARTH_RADIUS, Frame, GeocentricFrame, LocalFrame, TopocentricFrame
-from ..models.lens import Lens
-from ..models.lens_registry import LENSES
 from ..models.unknown_registry import parameter_kinds
 from ..network.network import Network
 from ..observations import KINDS
 from ..stochastic_model import COMBINATIONS
-from ..units import LENGTH
 from ..validate.network_structure import check
 from .adjustment_options import AdjustOptions, adjust_options
+from .camera_records import check_positive, read_camera_record, refuse_other_keys
 from .crs_section import read_crs_section
 from .csv_tables import CsvTable, FieldRow, read_table
 from .numbers import Units
@@ -61,7 +58,6 @@ FRAME_KEYS = {
 """Keys of [frame] by kind of frame."""
 TABLE_ENDINGS = ("csv", "txt", "csv.txt")
 """Endings of names of files that may be meant as tables."""
-CAMERA_KEYS = ("name", "lens", "unit", "y_axis", "per_photo", "format", "origin", "parameters")
 
 
 def project_table_names() -> tuple[str, ...]:
@@ -170,7 +166,7 @@ def load_project(
     axes = _cameras(document, network, path.name, problems)
     sigma = _sigma_defaults(document, path.name, problems)
     adjust = _table(document, "adjust", path.name, problems)
-    _refuse_other_keys(adjust, tuple(f.name for f in fields(AdjustOptions)))
+    refuse_other_keys(adjust, tuple(f.name for f in fields(AdjustOptions)))
     options = adjust_options(adjust)
     found_tables = _tables(_table(document, "files", path.name, problems), path, allow_outside)
     reader = UnknownsReader(network, units, cast(Dimension, dimension or 3), problems)
@@ -199,7 +195,7 @@ def load_project(
     if found_tables.get("doubts") is not None:
         observations.doubts(cast(CsvTable, found_tables["doubts"]))
     stated = _table(document, "readings", path.name, problems)
-    _refuse_other_keys(stated, ("faces",))
+    refuse_other_keys(stated, ("faces",))
     faces = stated.choice("faces", ("means", "both"), "means")
     if found_tables.get("readings") is not None:
         book = cast(CsvTable, found_tables["readings"])
@@ -230,15 +226,9 @@ def _table(document: dict[str, Any], key: str, file: str, problems: list[Problem
     return FieldRow(value, file, problems, f"[{key}]")
 
 
-def _refuse_other_keys(row: FieldRow, keys: tuple[str, ...]) -> None:
-    for name in row.fields:
-        if name not in keys:
-            row.wrong(f"unknown key {name!r}; known: {known(keys, meant=name, most=40)}")
-
-
 def _units(row: FieldRow) -> Units:
     known = tuple(f.name for f in fields(Units))
-    _refuse_other_keys(row, known)
+    refuse_other_keys(row, known)
     chosen = {k: row.text(k) for k in known if k in row}
     try:
         return Units(**{k: v for k, v in chosen.items() if v is not None})
@@ -250,7 +240,7 @@ def _units(row: FieldRow) -> Units:
 
 def _frame(row: FieldRow, units: Units) -> Frame:
     kind = row.choice("kind", FRAME_KEYS, "local")
-    _refuse_other_keys(row, ("kind", *FRAME_KEYS[kind]))
+    refuse_other_keys(row, ("kind", *FRAME_KEYS[kind]))
     name = row.choice("ellipsoid", ELLIPSOIDS, "GRS80")
     radius = row.number("radius", positive=True) or MEAN_EARTH_RADIUS
     try:
@@ -304,130 +294,6 @@ def _names_cameras(document: dict[str, Any]) -> bool:
     )
 
 
-def read_camera_record(row: FieldRow, name: str, network: Network) -> ImageAxes:
-    """Add a camera, or a stand-in for a camera with problems.
-
-    Args:
-        row: keys of the camera, from a table [[camera]] or a record; problems are noted here.
-        name: name of the camera.
-        network: the network to which the camera is added.
-
-    Returns:
-        The axes of its image coordinates in files.
-    """
-    unit = row.choice("unit", ("px", *LENGTH), "mm")
-    y_down = row.choice("y_axis", ("up", "down"), "up") == "down"
-    sigma = {k: v for k, v in row.fields.items() if k in sigma_fields("image")}
-    _refuse_other_keys(row, (*CAMERA_KEYS, *sigma))
-    _positive(row, sigma)
-    axes = ImageAxes(unit, y_down, placeholder_sigma("image") if row.failed else sigma)
-    lens = _lens(row)
-    values, free, weights = _parameters(row, y_down)
-    per_photo = row.flag("per_photo")
-    sides, origin = _format(row, y_down)
-    if not row.failed:
-        try:
-            network.add_camera(
-                name,
-                lens,
-                values,
-                free=free,
-                sigma=weights,
-                unit=unit,
-                per_photo=per_photo,
-                format=sides,
-                origin=origin,
-                y_down_in_files=y_down,
-            )
-        except InputError as error:
-            row.wrong_all(error)
-    if name not in network.cameras:
-        n = len(lens.names)
-        network.cameras[name] = Camera(
-            name, lens, (1.0,) * n, (True,) * n, (float("inf"),) * n, unit
-        )
-    return axes
-
-
-def _format(row: FieldRow, y_down: bool) -> tuple[tuple[float, float] | None, Origin]:
-    """Return width and height of the sensor, and where the image coordinates have their origin."""
-    given = row.take("format")
-    usual: Origin = "upper left" if y_down else "centre"
-    if given is None:
-        if "origin" in row:
-            row.wrong("origin says where on the sensor x = y = 0 is: it needs format")
-        return None, "centre"
-    if not (isinstance(given, list) and len(given) == 2):
-        row.wrong(f"format must be [width, height] in the unit of the camera, not {given!r}")
-        return None, "centre"
-    found = {"width": given[0], "height": given[1]}
-    inside = FieldRow(found, row.where, row.problems, f"{row.of} format")
-    sides = [inside.number(n, required=True, positive=True) or 1.0 for n in ("width", "height")]
-    origin = cast(Origin, row.choice("origin", ORIGINS, usual))
-    return (sides[0], sides[1]), origin
-
-
-def _lens(row: FieldRow) -> Lens:
-    """Return the lens model: a name, or a table with ``model`` and its options."""
-    given = row.take("lens")
-    table = {"model": given} if isinstance(given, str) else given
-    if not isinstance(table, dict):
-        table = {} if table is None else {"model": table}
-    inside = FieldRow(table, row.where, row.problems, f"{row.of} lens")
-    cls = LENSES[inside.choice("model", LENSES, "none")]
-    options = {f.name: f.type for f in fields(cls)}
-    if inside.failed:
-        return cls()
-    _refuse_other_keys(inside, ("model", *options))
-    chosen: dict[str, Any] = {}
-    for name, kind in options.items():
-        if name in inside:
-            chosen[name] = inside.number(name) if kind == "float" else inside.text(name)
-    try:
-        return cls(**{k: v for k, v in chosen.items() if v is not None})
-    except InputError as error:
-        inside.wrong_all(error)
-        return cls()
-
-
-def _parameters(
-    row: FieldRow, y_down: bool
-) -> tuple[dict[str, float], list[str], dict[str, float]]:
-    """Return values, free names, standard deviations; y0 changes its sign where y points down."""
-    table = row.take("parameters", required=True)
-    if not isinstance(table, dict):
-        if table is not None:
-            row.wrong("parameters must be a table such as c = { value = 100.0, free = true }")
-        return {"c": 1.0}, [], {}
-    values: dict[str, float] = {}
-    free: list[str] = []
-    weights: dict[str, float] = {}
-    for name, given in table.items():
-        entry = given if isinstance(given, dict) else {"value": given}
-        inside = FieldRow(entry, row.where, row.problems, f"{row.of} parameter {name}")
-        _refuse_other_keys(inside, ("value", "free", "sigma"))
-        unknown = name == "c" and bool(entry.get("free"))  # it is searched for
-        value = inside.number("value", required=not unknown)
-        sigma = inside.number("sigma", positive=True)
-        if value is not None or not unknown:
-            values[name] = 0.0 if value is None else value
-        if y_down and name == "y0":
-            values[name] = -values[name]
-        if sigma is not None:
-            weights[name] = sigma
-            if inside.flag("free"):
-                inside.wrong("either free or sigma, not both")
-        elif inside.flag("free"):
-            free.append(name)
-    return values, free, weights
-
-
-def _positive(row: FieldRow, sigma: Mapping[str, object]) -> None:
-    """Note standard deviations of a default that are not numbers > 0."""
-    for name in sigma:
-        row.number(name, positive=True)
-
-
 def _sigma_defaults(
     document: dict[str, Any], file: str, problems: list[Problem]
 ) -> dict[str, dict[str, object]]:
@@ -445,7 +311,7 @@ def _sigma_defaults(
             what = unknown_field_message(name, (*sigma_fields(kind), *combine_fields(kind)))
             if what is not None:
                 row.wrong(what.replace("column", "key"))
-        _positive(row, {k: v for k, v in given.items() if k in sigma_fields(kind)})
+        check_positive(row, {k: v for k, v in given.items() if k in sigma_fields(kind)})
         row.choice("combine", COMBINATIONS, "mixed")
         # A bad default is noted once; the stand-in avoids a message for every row that uses it.
         out[kind] = placeholder_sigma(kind) if row.failed else given
@@ -456,7 +322,7 @@ def _sigma_defaults(
 
 def _tables(row: FieldRow, path: Path, allow_outside: bool) -> dict[str, CsvTable | None]:
     """Read the tables that [files] names; without [files], those whose default file exists."""
-    _refuse_other_keys(row, project_table_names())
+    refuse_other_keys(row, project_table_names())
     stated = bool(row.fields)
     out: dict[str, CsvTable | None] = {}
     for name in project_table_names():

@@ -142,6 +142,8 @@ def camera_record(camera: Camera) -> dict[str, object]:
         out["per_photo"] = True
     if camera.format is not None:
         out |= {"format": list(camera.format), "origin": camera.origin}
+    if camera.readout is not None:
+        out |= {"readout_s": camera.readout, "readout_towards": camera.readout_towards}
     parameters: dict[str, object] = {}
     rows = zip(lens.names, camera.values, camera.fixed, camera.sigma, strict=True)
     for name, value, fixed, sigma in rows:

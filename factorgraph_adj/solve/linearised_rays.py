@@ -311,9 +311,7 @@ class LinearRays:
             of_points.add(flat, products.reshape(len(products), -1))
         self._add(out, sums)
 
-    def _add_own(
-        self, sums: dict[VariableKind, Array], photo: int, ray: int, value: Array
-    ) -> None:
+    def _add_own(self, sums: dict[VariableKind, Array], photo: int, ray: int, value: Array) -> None:
         """Add values (own, k) of a photo to the sums of its pose and, if it has one, its motion.
 
         Args:
