@@ -8,7 +8,7 @@ network of everything and in the networks drawn by chance, see `add_examples`; t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -27,6 +27,7 @@ from factorgraph_adj.models.normalised_lens import (
     RationalLens,
 )
 from factorgraph_adj.models.orthogonal_lens import EbnerLens, GruenLens, OrthogonalLens
+from factorgraph_adj.models.unknown_registry import UNKNOWNS
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import KINDS
 from factorgraph_adj.observations.airborne_observations import ANGLES
@@ -82,6 +83,9 @@ class Example:
     """What they need besides points and photos."""
 
 
+MOVING = Stated("photo_motion", "f", (8.0, -3.0, 0.5, 0.2, -0.1, 0.3), (1.0,) * 3 + (0.1,) * 3)
+"""Motion of the photo f, m/s and rad/s."""
+
 EXAMPLES: dict[str, Example] = {
     "ellipsoid_distance": Example(
         lambda: [
@@ -97,6 +101,19 @@ EXAMPLES: dict[str, Example] = {
             o.EllipsoidHeightDifference(
                 "i", "j", 0.0, station_surface=31.0, target_surface=30.0, **SIGHT
             )
+        ]
+    ),
+    "photo_shift": Example(
+        lambda: [
+            o.PhotoShift("f", "g", "f", (0.0, 0.0, 0.0), covariance=COVARIANCE, interval=2.5),
+            o.PhotoShift("g", "f", "f", (0.1, 0.0, 0.2), sigma=(1.0, 2.0, 3.0), interval=1.5),
+        ],
+        (MOVING,),
+    ),
+    "photo_turn": Example(
+        lambda: [
+            o.PhotoTurn("f", "g", "f", (0.0, 0.0, 0.0), covariance=COVARIANCE, interval=2.5),
+            o.PhotoTurn("g", "f", "f", (0.1, 0.0, 0.2), sigma=(1.0, 2.0, 3.0), interval=1.5),
         ]
     ),
     "body_vector": Example(
@@ -322,11 +339,24 @@ OBSERVED: dict[str, Callable[[], list[o.Observation]]] = {
 OBSERVED |= {kind: example.observations for kind, example in EXAMPLES.items()}
 
 
-def add_unknowns(network: Network, *, sigma: float | None = None) -> dict[str, tuple[float, ...]]:
-    """State the unknowns of `EXAMPLES`, free or weighted; return steps by kind."""
+def add_unknowns(
+    network: Network,
+    *,
+    sigma: float | None = None,
+    photos: Mapping[str, str] | None = None,
+) -> dict[str, tuple[float, ...]]:
+    """State the unknowns of `EXAMPLES`, free or weighted; return steps by kind.
+
+    Args:
+        network: gets the unknowns; those of photos that it does not have are left out.
+        sigma: standard deviation of all components; None: they are free.
+        photos: names of the photos in the network; None: their own.
+    """
     stated = [x for example in EXAMPLES.values() for x in example.unknowns]
     for x in stated:
-        network.set_unknown(x.kind, x.name, x.values, sigma=sigma)
+        name = (photos or {}).get(x.name, x.name) if UNKNOWNS[x.kind].in_photo else x.name
+        if not UNKNOWNS[x.kind].in_photo or name in network.photos:
+            network.set_unknown(x.kind, name, x.values, sigma=sigma)
     return {x.kind: x.steps for x in stated}
 
 
@@ -338,11 +368,12 @@ def add_examples(network: Network, points: Sequence[str], photos: Sequence[str] 
         points: names for i, j, k and l; kinds of more points are left out.
         photos: names for f and g, likewise.
     """
-    add_unknowns(network)
     called = dict(zip("ijkl", points, strict=False)) | dict(zip("fg", photos, strict=False))
+    add_unknowns(network, photos=called)
     for example in EXAMPLES.values():
         for x in example.observations():
-            named = {a: getattr(x, a) for a in KINDS[x.kind].named}
+            own = [a for k, a in KINDS[x.kind].parameters if UNKNOWNS[k].in_photo]
+            named = {a: getattr(x, a) for a in (*KINDS[x.kind].named, *own)}
             if set(named.values()) <= {*called, None}:
                 there = {a: name and called[name] for a, name in named.items()}
                 network.add(replace(x, **there))
