@@ -44,11 +44,26 @@ def held_photo() -> Network:
     return network
 
 
+def rolling_shutter() -> Network:
+    """Photos of a rolling shutter: one moves freely, one in part, one as given; others stand."""
+    network = small_block(4)
+    camera = network.cameras["D3"]
+    network.cameras["D3"] = replace(
+        camera, format=(36.0, 24.0), readout=0.03, readout_towards="right"
+    )
+    motion = (6.0, -2.0, 1.0, 0.5, -0.8, 0.6)
+    network.set_unknown("photo_motion", "F1", motion)
+    network.set_unknown("photo_motion", "F2", motion, fixed=("x_t", "ry_t"), sigma={"y_t": 1.0})
+    network.set_unknown("photo_motion", "F3", motion, fixed=True)
+    return network
+
+
 NETWORKS = {
     "small block": lambda: small_block(4),
     "own calibrations": own_calibrations,
     "two cameras": two_cameras,
     "held photo": held_photo,
+    "rolling shutter": rolling_shutter,
 }
 
 

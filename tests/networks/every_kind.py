@@ -27,6 +27,7 @@ from factorgraph_adj.models.normalised_lens import (
     RationalLens,
 )
 from factorgraph_adj.models.orthogonal_lens import EbnerLens, GruenLens, OrthogonalLens
+from factorgraph_adj.models.rolling_shutter import Towards
 from factorgraph_adj.models.unknown_registry import UNKNOWNS
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import KINDS
@@ -763,6 +764,23 @@ def image_equations(lens_name: str, view: View) -> tuple[Equations, Array]:
         network.add(o.FrameCoordinate("body", None, at, photo="f", covariance=COVARIANCE, **more))
     equations = compile_network(network)
     return equations, _steps(equations, _image_steps(equations, camera, view, 0.005))
+
+
+def moving_image_equations(lens_name: str, towards: Towards) -> tuple[Equations, Array]:
+    """Return image coordinates of a photo that moves as it is read, and a step for each column."""
+    view = VIEWS["ordinary"]
+    network = image_equations(lens_name, view)[0].network.copy()
+    camera = replace(
+        network.cameras["camera"], format=(36.0, 24.0), readout=0.03, readout_towards=towards
+    )
+    network.cameras["camera"] = camera
+    network.set_unknown("photo_motion", "f", (9.0, -4.0, 2.0, 3.0, -2.0, 4.0))
+    equations = compile_network(network)
+    steps = _image_steps(equations, LENSES_USED[lens_name], view, 0.005)
+    pose = np.array(steps["pose"])
+    # At the edges of the image the motion moves the pose by half the readout time as much.
+    steps["photo_motion"] = tuple(np.concatenate([pose[3:], pose[:3]]) / 0.015)
+    return equations, _steps(equations, steps)
 
 
 def _image_steps(
