@@ -424,9 +424,8 @@ class ImageChunks:
             own = state["calibration"][block.variables[1][1][rows], :k]
             calibration = np.asfortranarray(own)  # one contiguous array for each parameter
         found = block.lens.seen(seen, x, y, calibration, jacobians=jacobians)
-        free = self.lens_free
-        own = self.own
-        a = np.empty((own + len(free) + 1 if jacobians else 1, 2, m))
+        free, lens_from = self.lens_free, self.own
+        a = np.empty((lens_from + len(free) + 1 if jacobians else 1, 2, m))
         weigh = self._whiten if whitened else _copy
         weigh(found.v, rows, a[-1])
         if not jacobians:
@@ -434,11 +433,11 @@ class ImageChunks:
         g = np.empty((3, 2, m))
         for pair, out in zip(found.by_p, g, strict=True):
             weigh(pair, rows, out)
-        for parameter, out in zip(free.tolist(), a[own:-1], strict=True):
+        for parameter, out in zip(free.tolist(), a[lens_from:-1], strict=True):
             weigh(found.by_k[parameter], rows, out)
         if turns is not None:
-            turned = [np.stack(by_rotation(seen, components(g[:, row]))) for row in range(2)]
-            a[9:12] = turns.by_turn(np.stack(turned, axis=1))
+            at_row = [np.stack(by_rotation(seen, components(g[:, row]))) for row in range(2)]
+            a[9:12] = turns.by_turn(np.stack(at_row, axis=1))
             g = turns.to_middle(g)
         for row in range(2):
             turned = by_rotation(ray, (g[0, row], g[1, row], g[2, row]))

@@ -298,6 +298,9 @@ def _drop_photos(network: Network, lost: Iterable[str]) -> None:
     stays = np.array([name not in gone for name in network.photos], dtype=bool)
     network.image_mask(stays[network.images.columns()[0]])
     keep_entities(network, [n for n in network.photos if n not in gone], list(network.points))
+    for kind in (k.name for k in parameter_kinds() if k.in_photo):
+        for name in gone & network.of_kind(kind).keys():
+            del network.of_kind(kind)[name]
     for camera in cameras - {photo.camera for photo in network.photos.values()}:
         del network.cameras[camera]
 
@@ -338,6 +341,7 @@ def filtered(
             for k, p in network.of_kind(kind.name).items()
             if keep(kind.name, parameter_name(k))
             and (not kind.at_point or (k if isinstance(k, str) else k[0]) in out.points)
+            and (not kind.in_photo or k in out.photos)
         }
     return out
 

@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from ..entities import FREE_ORIENTATION, Camera, Parameter, parameter_name
-from ..graph.variables import camera_of_calibration
+from ..graph.variables import camera_of_calibration, unknowns_of_photo
 from ..models.unknown_registry import ENTITIES, UNKNOWNS, VariableKind, parameter_kinds
 from ..network.network import DatumChoice, Network
 from ..types import Array, Index
@@ -138,6 +138,8 @@ class _Excerpt:
             )
         self.out.photos[name] = replace(photo, camera=calibration)
         self.out.photo_number[name] = len(self.out.photo_number)
+        for kind, of_photo in unknowns_of_photo(self.network, name):
+            self._stated(kind, of_photo)
 
     def _lens(self, camera: Camera, name: str) -> None:
         if name not in self.out.cameras:

@@ -18,7 +18,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from ..graph.dependence import Variable
-from ..graph.variables import calibration_name
+from ..graph.variables import calibration_name, unknowns_of_photo
 from ..models.unknown_registry import UNKNOWNS, VariableKind
 from ..solve.added_factors import Prior
 from ..types import NO_ROWS, Array, Index, Mask
@@ -112,6 +112,11 @@ class Candidates:
             numbers = [number.setdefault(v, len(number)) for v in every]
             candidate.append(at)
             variable.append(np.array(numbers, dtype=np.intp)[index])
+        for f, (_, name) in enumerate(poses):
+            own = at[photo == f]
+            for v in unknowns_of_photo(self.ledger.network, name):
+                candidate.append(own)
+                variable.append(np.full(len(own), number.setdefault(v, len(number))))
         return Links(tuple(number), number, np.concatenate(candidate), np.concatenate(variable))
 
     @cached_property

@@ -94,13 +94,13 @@ class Turns:
 
     def to_camera(self, q: Array) -> Array:
         """Return p = Exp(ω t)ᵀ q (3, n) of rays q (3, n)."""
-        return np.einsum("nji,jn->in", self.matrix, q)
+        return np.asarray(np.einsum("nji,jn->in", self.matrix, q))
 
     def to_middle(self, g: Array) -> Array:
         """Return g' = Exp(ω t) g (3, …, n) of partials g = ∂v/∂p (3, …, n)."""
-        return np.einsum("nij,j...n->i...n", self.matrix, g)
+        return np.asarray(np.einsum("nij,j...n->i...n", self.matrix, g))
 
     def by_turn(self, by_rotation: Array) -> Array:
         """Return ∂v/∂ω (3, …, n) from the partials by a turn at the time of the ray, likewise."""
         jacobian = right_jacobian(self.vector) * self.time[:, None, None]
-        return np.einsum("nji,j...n->i...n", jacobian, by_rotation)
+        return np.asarray(np.einsum("nji,j...n->i...n", jacobian, by_rotation))

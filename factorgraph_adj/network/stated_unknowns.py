@@ -8,7 +8,15 @@ from typing import Any, Literal
 import numpy as np
 
 from ..control_characters import refuse_control_characters
-from ..entities import REFRACTION_OF_THE_NETWORK, Key, Parameter, Point, parameter, parameter_name
+from ..entities import (
+    REFRACTION_OF_THE_NETWORK,
+    Key,
+    Parameter,
+    Photo,
+    Point,
+    parameter,
+    parameter_name,
+)
 from ..errors import InputError, Problem, unknown_name
 from ..models.deformation import HIGHEST
 from ..models.unknown_registry import VariableKind, unknown_kind
@@ -39,6 +47,8 @@ class StatedUnknowns(StatedShapes):
 
     points: dict[str, Point]
     """Points by name."""
+    photos: dict[str, Photo]
+    """Photos by name."""
     parameters: dict[VariableKind, dict[Any, Parameter]]
     """Unknowns by kind and name."""
 
