@@ -402,6 +402,8 @@ def unknown_of(
     for point in dict.fromkeys((first * kind.at_point, origin)):
         if point and isinstance(point, str):  # whether there is one is not checked
             network.add_point(point, (0.0, 0.0, 0.0))
+    if first and kind.in_photo:
+        network.photos[first] = Photo(first, "")
     if first or nameless:
         row.of = f"{kind.noun} {parameter_name(key)!r}"
         units = context.units if context is not None else Units()

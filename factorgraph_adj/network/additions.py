@@ -137,6 +137,8 @@ def _add_unknown(network: Network, given: tuple[VariableKind, Key, Parameter]) -
         raise InputError(Problem(what, where))
     if not len(p.values) == len(p.fixed) == len(p.sigma) <= record.size:
         raise InputError(Problem(f"it needs {record.size} values, not {len(p.values)}", where))
+    if record.in_photo:
+        required(str(keys[0]), network.photos, "photo", where)
     for point in (*keys[:1], p.origin) if record.at_point else (p.origin,):
         if point:
             required(point, network.points, "point", where)

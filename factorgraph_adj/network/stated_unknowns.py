@@ -8,15 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ..control_characters import refuse_control_characters
-from ..entities import (
-    REFRACTION_OF_THE_NETWORK,
-    Key,
-    Parameter,
-    Photo,
-    Point,
-    parameter,
-    parameter_name,
-)
+from ..entities import REFRACTION_OF_THE_NETWORK, Key, Parameter, Point, parameter, parameter_name
 from ..errors import InputError, Problem, unknown_name
 from ..models.deformation import HIGHEST
 from ..models.unknown_registry import VariableKind, unknown_kind
@@ -47,8 +39,6 @@ class StatedUnknowns(StatedShapes):
 
     points: dict[str, Point]
     """Points by name."""
-    photos: dict[str, Photo]
-    """Photos by name."""
     parameters: dict[VariableKind, dict[Any, Parameter]]
     """Unknowns by kind and name."""
 
@@ -72,8 +62,8 @@ class StatedUnknowns(StatedShapes):
                 some by name.
 
         Raises:
-            InputError: an unknown kind or point, a value that is not finite, a wrong number of
-                values, or a component that is both held and weighted.
+            InputError: an unknown kind, point or photo, a value that is not finite, a wrong
+                number of values, or a component that is both held and weighted.
         """
         record = unknown_kind(kind)
         if record.table is None:
@@ -84,10 +74,9 @@ class StatedUnknowns(StatedShapes):
             raise InputError(Problem(f"it is named by {what}, not by {key!r}", record.noun))
         refuse_control_characters(keys, record.noun)
         where = f"{record.noun} {parameter_name(key)!r}"
-        if record.at_point:
-            required(keys[0], self.points, "point", where)
-        if record.in_photo:
-            required(keys[0], self.photos, "photo", where)
+        place = "point" if record.at_point else "photo" if record.in_photo else ""
+        if place:
+            required(keys[0], getattr(self, f"{place}s"), place, where)
         start = [c.start for c in record.components] if values is None else values
         self.of_kind(kind)[key] = parameter(record, start, fixed, sigma, where)
 

@@ -13,6 +13,7 @@ from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import ControlPoint, PhotoPosition
 from factorgraph_adj.rotation import world_R_camera
 from factorgraph_adj.simulation.measurement import disturb, measure
+from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.types import Array
 
 READOUT = 0.03
@@ -103,3 +104,17 @@ def measured(plan: Network, seed: int) -> Network:
     for photo in network.photos:
         network.set_unknown("photo_motion", photo, (0.0,) * 6)
     return disturb(network, seed=seed, points=0.5, centres=0.5, attitudes=0.01)
+
+
+def true_motions(plan: Network) -> dict[str, Array]:
+    """Return the motions by photo, (6,) each."""
+    return {name: np.array(p.values) for name, p in plan.of_kind("photo_motion").items()}
+
+
+def errors_of_motions(plan: Network, solution: Solution) -> Array:
+    """Return the errors of all motions divided by their standard deviations, (photos, 6)."""
+    out = []
+    for photo, true in true_motions(plan).items():
+        found = solution.unknown("photo_motion", photo)
+        out.append((np.array(found.values) - true) / np.array(found.sigmas))
+    return np.array(out)

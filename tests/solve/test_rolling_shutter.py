@@ -12,25 +12,19 @@ import factorgraph_adj as fga
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import ImagePoint, PhotoShift, PhotoTurn
 from factorgraph_adj.types import Array
-from tests.networks.rolling_drone import INTERVAL, MOTION_SIGMA, SIGMA_PX, flown, measured
+from tests.networks.rolling_drone import (
+    INTERVAL,
+    MOTION_SIGMA,
+    SIGMA_PX,
+    errors_of_motions,
+    flown,
+    measured,
+    true_motions,
+)
 from tests.support.dense import Dense
 
 NORMAL_95 = 1.959964
 REPETITIONS = 40
-
-
-def true_motions(plan: Network) -> dict[str, Array]:
-    """Return the motions by photo, (6,) each."""
-    return {name: np.array(p.values) for name, p in plan.of_kind("photo_motion").items()}
-
-
-def errors(plan: Network, solution: fga.Solution) -> Array:
-    """Return the errors of all motions divided by their standard deviations, (photos, 6)."""
-    out = []
-    for photo, true in true_motions(plan).items():
-        found = solution.unknown("photo_motion", photo)
-        out.append((np.array(found.values) - true) / np.array(found.sigmas))
-    return np.array(out)
 
 
 @pytest.mark.parametrize("per_photo", [False, True])
@@ -59,7 +53,7 @@ def test_covariances_and_redundancy_numbers_are_those_of_dense_algebra(per_photo
 def repeated(plan: Network) -> Iterator[Array]:
     """Iterate over the errors of the motions in repetitions of a block."""
     for seed in range(REPETITIONS):
-        yield errors(plan, fga.adjust(measured(plan, seed)))
+        yield errors_of_motions(plan, fga.adjust(measured(plan, seed)))
 
 
 def test_intervals_of_95_percent_cover_the_true_motions() -> None:
