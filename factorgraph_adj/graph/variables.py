@@ -398,12 +398,6 @@ def calibration_name(network: Network, photo: str) -> str:
     return f"{camera.name}@{photo}" if camera.per_photo else camera.name
 
 
-def unknowns_of_photo(network: Network, photo: str) -> tuple[tuple[VariableKind, str], ...]:
-    """Return kind and name of the stated unknowns that belong to a photo, such as its motion."""
-    kinds = (k for k in network.parameters if UNKNOWNS[k].in_photo)
-    return tuple((k, photo) for k in kinds if photo in network.parameters[k])
-
-
 def camera_of_calibration(network: Network, name: str) -> Camera:
     """Return the camera of a calibration: of ``camera``, or of ``camera@photo``."""
     return network.cameras.get(name) or network.cameras[name.split("@")[0]]

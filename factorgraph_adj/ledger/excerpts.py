@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from ..entities import FREE_ORIENTATION, Camera, Parameter, parameter_name
-from ..graph.variables import camera_of_calibration, unknowns_of_photo
+from ..graph.variables import camera_of_calibration
 from ..models.unknown_registry import ENTITIES, UNKNOWNS, VariableKind, parameter_kinds
 from ..network.network import DatumChoice, Network
 from ..types import Array, Index
@@ -138,7 +138,7 @@ class _Excerpt:
             )
         self.out.photos[name] = replace(photo, camera=calibration)
         self.out.photo_number[name] = len(self.out.photo_number)
-        for kind, of_photo in unknowns_of_photo(self.network, name):
+        for kind, of_photo in self.network.of_photo(name):
             self._stated(kind, of_photo)
 
     def _lens(self, camera: Camera, name: str) -> None:

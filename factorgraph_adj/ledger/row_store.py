@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ..entities import FREE_ORIENTATION, ImageTable
 from ..graph.block_construction import attribute_keys
 from ..graph.dependence import Variable, variables_of_each
-from ..graph.variables import calibration_name, unknowns_of_photo
+from ..graph.variables import calibration_name
 from ..network.network import Network
 from ..observations import AnyObservation, Correlated, ImagePoint, Observation, observation_kind
 from ..observations.ids import identity
@@ -428,7 +428,7 @@ class RowStore:
     def note_image(self, network: Network, row: int, o: ImagePoint) -> Unit:
         """Store the unit of an image point, which takes longer to make from the arrays."""
         lens = calibration_name(network, o.photo)
-        of_photo = ("pose", o.photo), ("calibration", lens), *unknowns_of_photo(network, o.photo)
+        of_photo = ("pose", o.photo), ("calibration", lens), *network.of_photo(o.photo)
         variables = (*of_photo, ("point", o.point))
         unit = Unit((o.id or f"{o.photo}/{o.point}",), (o,), None, variables)
         self.room.made[row] = unit

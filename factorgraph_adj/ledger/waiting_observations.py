@@ -18,7 +18,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from ..graph.dependence import Variable
-from ..graph.variables import calibration_name, unknowns_of_photo
+from ..graph.variables import calibration_name
 from ..models.unknown_registry import UNKNOWNS, VariableKind
 from ..solve.added_factors import Prior
 from ..types import NO_ROWS, Array, Index, Mask
@@ -114,7 +114,7 @@ class Candidates:
             variable.append(np.array(numbers, dtype=np.intp)[index])
         for f, (_, name) in enumerate(poses):
             own = at[photo == f]
-            for v in unknowns_of_photo(self.ledger.network, name):
+            for v in self.ledger.network.of_photo(name):
                 candidate.append(own)
                 variable.append(np.full(len(own), number.setdefault(v, len(number))))
         return Links(tuple(number), number, np.concatenate(candidate), np.concatenate(variable))

@@ -84,6 +84,13 @@ class StatedUnknowns(StatedShapes):
         """Return the stated unknowns of a kind by key."""
         return self.parameters.setdefault(kind, {})
 
+    def of_photo(self, photo: str) -> tuple[tuple[VariableKind, str], ...]:
+        """Return kind and name of the stated unknowns of a photo, such as its motion."""
+        kinds = (
+            k for k, own in self.parameters.items() if unknown_kind(k).in_photo and photo in own
+        )
+        return tuple((k, photo) for k in kinds)
+
     def set_orientation(
         self,
         station: str,
