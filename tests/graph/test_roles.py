@@ -308,8 +308,8 @@ WITH_ROLES = [
 
 
 REASONS = re.compile(
-    "to itself|the same two points|are the same: a (?:relative pose|turn|motion)|must name two frames"
-    "|is the origin of frame|its offset has no direction"
+    "to itself|the same two points|are the same: a (?:relative pose|turn|motion)"
+    "|must name two frames|is the origin of frame|its offset has no direction"
 )
 """Why some variables cannot coincide."""
 
