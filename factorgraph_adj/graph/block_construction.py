@@ -14,7 +14,6 @@ from ..entities import parameter_key, parameter_name
 from ..frames import Frame
 from ..models import attitude, positions
 from ..models.base import Linearised
-from ..models.lens import Lens
 from ..models.unknown_registry import ENTITIES, UNKNOWNS, UnknownKind, VariableKind
 from ..network.network import Network
 from ..observations import KINDS, ControlPoint, Observation, ObservationKind, Unit, observation_kind
@@ -104,15 +103,15 @@ def _plain_blocks(
     columns += [(i >= 0).astype(np.intp) for i in index]
     first = [*_first_roles(unknowns, kind, index)]
     columns += first
-    lenses = _lenses(network, kind, group.observations)
-    columns.append(np.array([lenses.index(lens) for lens in lenses], dtype=np.intp))
+    cameras = _cameras(network, kind, group.observations)
+    columns.append(np.array([cameras.index(camera) for camera in cameras], dtype=np.intp))
     form: dict[tuple[str, ...], int] = {}
     forms = (form.setdefault(o.component_names(), len(form)) for o in group.observations)
     columns.append(np.fromiter(forms, np.intp, len(group.ids)))
     differ = np.stack(columns, axis=1)
     if (differ == differ[0]).all():
         widths = dict(zip(unequal, differ[0].tolist(), strict=False))
-        yield _plain_block(kind, group, index, [int(f[0]) for f in first], widths, lenses[0])
+        yield _plain_block(kind, group, index, [int(f[0]) for f in first], widths, cameras[0])
         return
     for each in np.unique(differ, axis=0):
         rows = np.flatnonzero((differ == each).all(axis=1))
@@ -120,7 +119,7 @@ def _plain_blocks(
         at = rows.tolist()
         some = Group([group.ids[i] for i in at], [group.observations[i] for i in at])
         own = [int(f[rows[0]]) for f in first]
-        yield _plain_block(kind, some, [n[rows] for n in index], own, widths, lenses[rows[0]])
+        yield _plain_block(kind, some, [n[rows] for n in index], own, widths, cameras[rows[0]])
 
 
 def _first_roles(
@@ -170,15 +169,17 @@ def attribute_keys(
     return list(map(attrgetter(*beside, attribute.partition(".")[0]), observations))
 
 
-def _lenses(
+def _cameras(
     network: Network, kind: ObservationKind, observations: Sequence[Observation]
-) -> list[Lens | None]:
-    """Return the lens model of each observation whose model has a calibration."""
+) -> list[dict[str, Any]]:
+    """Return lens and readout of the camera of each observation whose model has a calibration."""
     attribute = next((a for what, a in kind.variables if what == "calibration"), None)
     if attribute is None:
-        return [None] * len(observations)
+        return [{}] * len(observations)
     photos = (network.photos[getattr(o, attribute)] for o in observations)
-    return [network.cameras[f.camera].lens for f in photos]
+    used = {f.camera: network.cameras[f.camera] for f in network.photos.values()}
+    given = {name: {"lens": c.lens, "readout": c.times()} for name, c in used.items()}
+    return [given[f.camera] for f in photos]
 
 
 def _plain_block(
@@ -187,7 +188,7 @@ def _plain_block(
     index: Sequence[Index],
     first: Sequence[int],
     widths: dict[int, int],
-    lens: Lens | None,
+    camera: Mapping[str, Any],
 ) -> Block:
     observations = group.observations
     n = len(observations)
@@ -211,7 +212,7 @@ def _plain_block(
         components,
         ObservationLabels(observations),
         whitener,
-        _model(kind, present, components, lens),
+        _model(kind, present, components, camera),
         constants={
             c: np.array([getattr(o, c) for o in observations], dtype=float) for c in kind.constants
         },
@@ -227,11 +228,14 @@ def _model(
     kind: ObservationKind,
     present: Sequence[bool],
     components: tuple[str, ...],
-    lens: Lens | None,
+    camera: Mapping[str, Any],
 ) -> Callable[..., Linearised]:
-    """Return the model of a kind for observations that have some of its variables and axes."""
+    """Return the model of a kind for observations that have some of its variables and axes.
+
+    ``camera`` has the lens and the readout of its camera, if the model has a calibration.
+    """
     assert kind.model is not None
-    model = kind.model if lens is None else partial(kind.model, lens=lens)
+    model = partial(kind.model, **camera) if camera else kind.model
     if "axes" in kind.attributes:
         model = partial(model, axes=tuple("xyz".index(a) for a in components))
     return model if all(present) else partial(_with_absent, model, tuple(present))

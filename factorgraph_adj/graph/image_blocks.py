@@ -124,6 +124,9 @@ def image_blocks(network: Network, unknowns: Unknowns) -> Iterable[Block]:
     motion = np.array([stated.get(f, stated[DEFAULT]) for f in network.photos], dtype=np.intp)
     # All photos of a camera are in the same block, because they share its calibration.
     moving_cameras = {f.camera for f in network.photos.values() if f.name in stated}
+    for f in network.photos.values():
+        if f.name in stated:
+            network.check_readout(f.name, f"motion of photo {f.name!r}")
     forms = []
     for f in network.photos.values():
         camera = network.cameras[f.camera]

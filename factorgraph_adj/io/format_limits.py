@@ -15,10 +15,12 @@ import numpy as np
 
 from ..crs.grid_places import GridPlaces, grid_places
 from ..crs.reference_system import ReferenceSystem
-from ..entities import Camera
+from ..entities import Camera, parameter_name
+from ..errors import Problem
 from ..frames import LocalFrame
 from ..graph.equations import compile_rows
 from ..graph.weights import weighed_where_known
+from ..models.unknown_registry import parameter_kinds
 from ..network.network import Network
 from ..observations import Observation
 from ..start.approximate_values import partial_approximation
@@ -57,17 +59,25 @@ class Refusals(Problems):
                 self.refuse("a weight on coordinates; use a control point", f"point {name!r}")
 
     def photos(self, network: Network) -> None:
-        """Refuse held and weighted poses."""
+        """Refuse held and weighted poses, and motions of photos."""
+        self.motions(network)
         for name, photo in network.photos.items():
             if any(photo.fixed):
                 self.refuse("a held pose", f"photo {name!r}")
             if photo.sigma_position is not None or photo.sigma_attitude is not None:
                 self.refuse("a weighted pose", f"photo {name!r}")
 
+    def motions(self, network: Network) -> None:
+        """Refuse motions of photos during the readout of a rolling shutter."""
+        for problem in motions_of_photos(network, self.format):
+            self.wrong(problem.what, problem.where)
+
     def cameras(self, network: Network) -> None:
-        """Refuse weighted calibrations and those of single photos."""
+        """Refuse readout times, weighted calibrations and those of single photos."""
         for name, camera in network.cameras.items():
             where = f"camera {name!r}"
+            if camera.readout is not None:
+                self.refuse("the readout time of a rolling shutter", where)
             if np.isfinite(camera.sigma).any():
                 self.refuse("weighted calibration parameters", where)
             if camera.per_photo:
@@ -109,6 +119,20 @@ class Refusals(Problems):
             value = getattr(o, name, None)
             if value not in (None, 0.0, 1, ""):
                 self.wrong(f"{self.format} has no {name} ({value})", o.label())
+
+
+def motions_of_photos(network: Network, format: str) -> list[Problem]:
+    """Return what is wrong with the motions of photos for a format whose photos have one pose."""
+    what = (
+        f"{format} cannot express the motion of a photo: its image points do not fit one pose; "
+        "without its motion (network.of_kind('photo_motion')) the pose of the middle row is written"
+    )
+    return [
+        Problem(what, f"photo {parameter_name(key)!r}")
+        for kind in parameter_kinds()
+        if kind.in_photo
+        for key in network.of_kind(kind.name)
+    ]
 
 
 def common_value(values: Iterable[float]) -> float | None:

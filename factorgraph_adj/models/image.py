@@ -161,11 +161,13 @@ def image_line(
     stored: Array,
     origin: Array | None,
     vertical: Array | None,
+    motion: Array | None = None,
     *,
     observed: Array,
     x: Array,
     y: Array,
     lens: Lens,
+    readout: Readout | None = None,
 ) -> Linearised:
     """Compute the distance of measured points from imaged lines − observed, image units, (n, 1).
 
@@ -176,12 +178,19 @@ def image_line(
         stored: frames of the lines, (n, 17).
         origin: O where it is a point, (n, 3).
         vertical: deflections there, (n, 2).
+        motion: motions of the photos during the readout, (n, 6); none: they stand still.
         observed: distances, (n, 1).
         x: measured coordinates x, (n,).
         y: measured coordinates y, (n,).
         lens: the lens model.
+        readout: times of the rows; None: all are exposed at the same time.
     """
     rotation, centre = split_pose(pose)
+    turns = None
+    if motion is not None and readout is not None:
+        turns = Turns.of(motion[:, 3:], readout.times(x, y))
+        rotation = rotation @ turns.matrix
+        centre = centre + turns.time[:, None] * motion[:, :3]
     line = axis_of(frame, stored, origin, vertical)
     ray, ray_by_k = rays_and_partials(lens, np.stack([x, y], axis=1), calibration)
     # In the plane of ideal coordinates only n_x and n_y count; on the sphere all of n does.
@@ -200,9 +209,16 @@ def image_line(
     by_d = -back @ skew(away)
     by_zero = back @ skew(line.d)
     by_line = [by_d @ d + by_zero @ z for d, z in zip(line.d_by, line.zero_by, strict=True)]
-    by_pose = np.concatenate([skew(n), -by_zero], axis=2)
     g = by_n[:, None]
-    parts = [g @ by_pose, by_k[:, None], g @ by_line[0]]
+    by_pose, by_motion = (
+        g @ np.concatenate([skew(n), -by_zero], axis=2),
+        np.zeros((len(n), 1, MOTION)),
+    )
+    if turns is not None:
+        by_pose, by_motion = turns.of_moved_pose(by_pose)
+    parts = [by_pose, by_k[:, None], g @ by_line[0]]
     given = (origin, vertical)
     parts += [g @ j for j, value in zip(by_line[1:], given, strict=True) if value is not None]
+    if motion is not None:
+        parts.append(by_motion)
     return Linearised(f[:, None] - observed, tuple(parts))

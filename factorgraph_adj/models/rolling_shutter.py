@@ -104,3 +104,18 @@ class Turns:
         """Return ∂v/∂ω (3, …, n) from the partials by a turn at the time of the ray, likewise."""
         jacobian = right_jacobian(self.vector) * self.time[:, None, None]
         return np.asarray(np.einsum("nji,j...n->i...n", jacobian, by_rotation))
+
+    def of_moved_pose(self, by_moved: Array) -> tuple[Array, Array]:
+        """Return the partials by the pose and by the motion from those by the moved pose.
+
+        Args:
+            by_moved: partials by the tangent of R Exp(ω t), X₀ + v t, (n, d, 6).
+
+        Returns:
+            Those by the tangent of R, X₀, and those by v, ω, (n, d, 6) each.
+        """
+        by_turn, by_centre = by_moved[:, :, :3], by_moved[:, :, 3:]
+        by_pose = np.concatenate([by_turn @ self.matrix.transpose(0, 2, 1), by_centre], axis=2)
+        time = self.time[:, None, None]
+        by_omega = by_turn @ right_jacobian(self.vector) * time
+        return by_pose, np.concatenate([by_centre * time, by_omega], axis=2)

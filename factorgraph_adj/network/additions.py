@@ -12,8 +12,8 @@ from ..control_characters import refuse_control_characters
 from ..entities import Camera, Key, Parameter, Photo, Point, parameter_name
 from ..errors import InputError, Problem, known
 from ..models.unknown_registry import UNKNOWNS, VariableKind
+from .construction import required
 from .network import Network
-from .stated_unknowns import required
 
 UnknownsGiven: TypeAlias = Mapping[VariableKind, Mapping[Any, Parameter]]
 """Unknowns by kind and key."""
@@ -56,8 +56,8 @@ def add_entities(
     adders: tuple[tuple[Callable[[Network, Any], None], Sequence[Any]], ...] = (
         (_add_camera, cameras),
         (_add_point, points),
-        (_add_unknown, stated),
         (_add_photo, photos),
+        (_add_unknown, stated),
     )
     for add, items in adders:
         for item in items:
@@ -138,7 +138,7 @@ def _add_unknown(network: Network, given: tuple[VariableKind, Key, Parameter]) -
     if not len(p.values) == len(p.fixed) == len(p.sigma) <= record.size:
         raise InputError(Problem(f"it needs {record.size} values, not {len(p.values)}", where))
     if record.in_photo:
-        required(str(keys[0]), network.photos, "photo", where)
+        network.check_readout(str(keys[0]), where)
     for point in (*keys[:1], p.origin) if record.at_point else (p.origin,):
         if point:
             required(point, network.points, "point", where)

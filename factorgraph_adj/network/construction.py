@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
+from ..control_characters import refuse_control_characters
 from ..entities import ORIGINS, Camera, Origin, Parameter, Photo, Point, parameter, sigmas, triple
 from ..errors import InputError, Problem, known, similar, unknown_name
 from ..models.lens import Lens
@@ -343,3 +345,21 @@ def checked_image_points(
     if problems:
         raise InputError(problems)
     return measured, weights
+
+
+def refuse_duplicate(name: str, names: Mapping[str, object], what: str) -> None:
+    """Refuse a name that is there already, or is none, or has control characters."""
+    if not isinstance(name, str) or not name:
+        raise InputError(Problem(f"the name of a {what} must be non-empty text, not {name!r}"))
+    refuse_control_characters((name,), what)
+    if name in names:
+        raise InputError(Problem(f"duplicate name of a {what}", f"{what} {name!r}"))
+
+
+def required(
+    name: str, names: Mapping[Any, object], what: str, where: str, advice: str = ""
+) -> None:
+    """Refuse a name that is not there; ``advice`` follows where no known name is like it."""
+    if name not in names:
+        unknown = unknown_name(what, name, names)
+        raise InputError(Problem(unknown + advice * ("; did you mean" not in unknown), where))

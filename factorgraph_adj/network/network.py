@@ -24,8 +24,15 @@ from ..observations import AnyObservation, Correlated, ImagePoint, Observation
 from ..result_display import Rows, Shown
 from ..types import Array, Mask
 from .composite_unknowns import RIGID, member_of_rig
-from .construction import checked_camera, checked_image_points, checked_photo, checked_point
-from .stated_unknowns import StatedUnknowns, refuse_duplicate, required
+from .construction import (
+    checked_camera,
+    checked_image_points,
+    checked_photo,
+    checked_point,
+    refuse_duplicate,
+    required,
+)
+from .stated_unknowns import StatedUnknowns
 
 DatumChoice: TypeAlias = Literal["given", "free"]
 """Datum from control points and from held and weighted unknowns (given), or a free network."""
@@ -377,14 +384,19 @@ class Network(StatedUnknowns, Shown):
             required(name, self.photos, "photo", where)
         for kind, attribute in record.parameters:
             unknown, name = UNKNOWNS[kind], getattr(o, attribute)
-            if unknown.absent != "refused":
+            # Photos of image points may stand still; what is said of a motion needs one.
+            of_a_photo = unknown.in_photo and attribute not in record.photos
+            if of_a_photo:
+                required(name, self.photos, "photo", where)
+            elif unknown.absent != "refused":
                 continue
             if name is None and unknown.default is None:
                 raise InputError(Problem(f"{attribute} must name a {unknown.noun}", where))
             if name is not None:
                 stated = self.parameters.get(kind, {})
                 file = unknown.table.file if unknown.table else ""
-                hint = f"; rows of {file}.csv state them, or functions of Network" if file else ""
+                how = "set_unknown" if of_a_photo else "functions of Network"
+                hint = f"; rows of {file}.csv state them, or {how}" if file else ""
                 required(name, stated, unknown.noun, where, hint)
                 refers = record.in_frame != "nothing"
                 if refers and stated[name].origin and stated[name].origin in o.points():

@@ -8,33 +8,29 @@ from typing import Any, Literal
 import numpy as np
 
 from ..control_characters import refuse_control_characters
-from ..entities import REFRACTION_OF_THE_NETWORK, Key, Parameter, Point, parameter, parameter_name
-from ..errors import InputError, Problem, unknown_name
+from ..entities import (
+    REFRACTION_OF_THE_NETWORK,
+    Key,
+    Parameter,
+    Point,
+    parameter,
+    parameter_name,
+)
+from ..errors import InputError, Problem
 from ..models.deformation import HIGHEST
 from ..models.unknown_registry import VariableKind, unknown_kind
 from .composite_unknowns import OfKind, StatedShapes
-from .construction import checked_frame, free_components, refuse_wrong_parts
+from .construction import (
+    checked_frame,
+    free_components,
+    refuse_duplicate,
+    refuse_wrong_parts,
+    required,
+)
+from .photo_motions import PhotoMotions
 
 
-def refuse_duplicate(name: str, names: Mapping[str, object], what: str) -> None:
-    """Refuse a name that is there already, or is none, or has control characters."""
-    if not isinstance(name, str) or not name:
-        raise InputError(Problem(f"the name of a {what} must be non-empty text, not {name!r}"))
-    refuse_control_characters((name,), what)
-    if name in names:
-        raise InputError(Problem(f"duplicate name of a {what}", f"{what} {name!r}"))
-
-
-def required(
-    name: str, names: Mapping[Any, object], what: str, where: str, advice: str = ""
-) -> None:
-    """Refuse a name that is not there; ``advice`` follows where no known name is like it."""
-    if name not in names:
-        unknown = unknown_name(what, name, names)
-        raise InputError(Problem(unknown + advice * ("; did you mean" not in unknown), where))
-
-
-class StatedUnknowns(StatedShapes):
+class StatedUnknowns(StatedShapes, PhotoMotions):
     """Part of a network: its unknowns besides points, photos and cameras, by kind and name."""
 
     points: dict[str, Point]
@@ -62,8 +58,9 @@ class StatedUnknowns(StatedShapes):
                 some by name.
 
         Raises:
-            InputError: an unknown kind, point or photo, a value that is not finite, a wrong
-                number of values, or a component that is both held and weighted.
+            InputError: an unknown kind, point or photo, a motion of a photo whose camera has no
+                readout time, a value that is not finite, a wrong number of values, or a component
+                that is both held and weighted.
         """
         record = unknown_kind(kind)
         if record.table is None:
@@ -74,22 +71,16 @@ class StatedUnknowns(StatedShapes):
             raise InputError(Problem(f"it is named by {what}, not by {key!r}", record.noun))
         refuse_control_characters(keys, record.noun)
         where = f"{record.noun} {parameter_name(key)!r}"
-        place = "point" if record.at_point else "photo" if record.in_photo else ""
-        if place:
-            required(keys[0], getattr(self, f"{place}s"), place, where)
+        if record.at_point:
+            required(keys[0], self.points, "point", where)
+        if record.in_photo:
+            self.check_readout(keys[0], where)
         start = [c.start for c in record.components] if values is None else values
         self.of_kind(kind)[key] = parameter(record, start, fixed, sigma, where)
 
     def of_kind(self, kind: VariableKind) -> dict[Any, Parameter]:
         """Return the stated unknowns of a kind by key."""
         return self.parameters.setdefault(kind, {})
-
-    def of_photo(self, photo: str) -> tuple[tuple[VariableKind, str], ...]:
-        """Return kind and name of the stated unknowns of a photo, such as its motion."""
-        kinds = (
-            k for k, own in self.parameters.items() if unknown_kind(k).in_photo and photo in own
-        )
-        return tuple((k, photo) for k in kinds)
 
     def set_orientation(
         self,

@@ -278,6 +278,7 @@ _LINE = (
     ("frame", "line"),
     ("point", "line.origin"),
     ("vertical", "line.origin"),
+    ("photo_motion", "photo"),
 )
 
 RELATION_KINDS: Sequence[ObservationKind] = (

@@ -143,7 +143,8 @@ def precision_map(
 
     Raises:
         InputError: the points are no (n, 3) finite numbers, another argument does not fit them or
-            is out of range, or a camera has neither a format nor image points.
+            is out of range, a camera has neither a format nor image points, or photos have a
+            motion during their readout.
         AdjustmentError: there are no covariances.
     """
     if points is None:
@@ -161,6 +162,7 @@ def precision_map(
                 "adjusted points have the covariances of the adjustment"
             )
         return _of_adjusted_points(solution)
+    solution.network.refuse_motions(solution.network.photos, "a precision map of further points")
     x = _places("points", points)
     for name, value in (("sigma", sigma), ("matching_factor", matching_factor)):
         if value is not None and not (np.isfinite(value) and value > 0.0):

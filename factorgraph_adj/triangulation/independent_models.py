@@ -163,7 +163,8 @@ def relative_model(
         state: start values of the network; None: they are computed where they are not given.
 
     Raises:
-        InputError: an unknown photo, too few common points, or projection centres in one place.
+        InputError: an unknown photo, one with a motion during its readout, too few common points,
+            or projection centres in one place.
         DatumError: the points do not determine the orientation, as if they lie on one line.
     """
     chosen = tuple(photos)
@@ -176,6 +177,7 @@ def relative_model(
         raise InputError(
             Problem(f"a model needs different photos, two or more, not {chosen}", where)
         )
+    network.refuse_motions(chosen, "a relative orientation")
     begin = start_values(network) if state is None else state
     unit, rays = _unit_bundle(network, chosen, begin, called)
     solution = adjust(unit, tolerance=MODEL_STEP_TOLERANCE)

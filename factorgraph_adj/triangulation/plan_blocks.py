@@ -288,11 +288,13 @@ def radial_observations(
         direction that are not control are left out.
 
     Raises:
-        InputError: an unknown radial centre, or a photo without an approximate pose.
+        InputError: an unknown radial centre, or a photo without an approximate pose or with a
+            motion during its readout.
     """
     if centre not in RADIAL_CENTRES:
         there = known(RADIAL_CENTRES, meant=str(centre))
         raise InputError(Problem(f"unknown radial centre {centre!r}; valid: {there}"))
+    network.refuse_motions(network.photos, "a direction in plan")
     state = start_values(network)
     name = f"{network.name}, directions in plan"
     out = Network(name, frame=network.frame, datum=network.datum, crs=network.crs)

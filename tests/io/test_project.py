@@ -187,6 +187,7 @@ def any_observation(draw):
     needed = (n for n in vector_fields(kind) if n not in KINDS[kind].optional)
     arguments |= {n: draw(st.sampled_from(UNIT_VECTORS)) for n in needed}
     numbers_needed = {"horizontal", "zenith", "bearing", "reference_x", "reference_y", "length"}
+    numbers_needed |= {"interval"}
     arguments |= {n: draw(st.floats(0.01, 3.0)) for n in sorted(numbers_needed & names)}
     ends = sorted({"start", "end"} & names)
     arguments |= {n: f"{n} of {arguments['point']}" for n in ends}

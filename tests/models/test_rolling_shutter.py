@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.frames import LocalFrame
+from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.models.image import image
 from factorgraph_adj.models.lens import BrownForwardLens, BrownLens
 from factorgraph_adj.models.rolling_shutter import TOWARDS, Readout, Towards
@@ -35,6 +38,47 @@ def test_partials_are_right(lens: str, towards: Towards) -> None:
     equations, steps = every_kind.moving_image_equations(lens, towards)
     state = equations.unknowns.start()
     assert_partials_are_right(observed_as_computed(equations, state), state, steps)
+
+
+@pytest.mark.parametrize("towards", ["down", "right"])
+def test_partials_of_lines_in_images_are_right(towards: Towards) -> None:
+    equations, steps = every_kind.moving_line_equations(towards)
+    state = equations.unknowns.start()
+    assert_partials_are_right(observed_as_computed(equations, state), state, steps)
+
+
+def test_points_of_lines_are_seen_from_the_pose_at_the_time_of_their_row() -> None:
+    """A line that many rows cross: its points are off the line of a photo that stands still."""
+    equations, _ = every_kind.moving_line_equations("down")
+    network = equations.network
+    pose, motion = network.photos["f"], network.of_kind("photo_motion")["f"].values
+    rows = [b for b in equations.blocks if b.kind == "image_line"]
+    found = np.concatenate(
+        [b.evaluate(network.frame, equations.unknowns.start()).residual for b in rows]
+    )
+    expected = []
+    for line in (o for o in network.observations.values() if o.kind == "image_line"):
+        t = -every_kind.READOUT * line.y / 24.0  # type: ignore[attr-defined]
+        moved = network.copy()
+        moved.parameters.pop("photo_motion")
+        moved.photos["f"] = replace(
+            pose,
+            position=tuple(np.array(pose.position) + t * np.array(motion[:3])),
+            rotation=pose.rotation @ exp_rotation(t * np.array(motion[3:])),
+        )
+        there = compile_network(moved)
+        blocks = [b for b in there.blocks if b.kind == "image_line"]
+        residuals = [b.evaluate(moved.frame, there.unknowns.start()).residual for b in blocks]
+        expected.append(np.concatenate(residuals)[len(expected)])
+    np.testing.assert_allclose(found, expected, atol=1e-10)
+    still = network.copy()
+    still.parameters.pop("photo_motion")
+    there = compile_network(still)
+    blocks = [b for b in there.blocks if b.kind == "image_line"]
+    without = np.concatenate(
+        [b.evaluate(still.frame, there.unknowns.start()).residual for b in blocks]
+    )
+    assert np.abs(found - without).max() > 0.01
 
 
 @pytest.mark.parametrize(

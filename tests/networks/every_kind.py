@@ -356,9 +356,22 @@ def add_unknowns(
     stated = [x for example in EXAMPLES.values() for x in example.unknowns]
     for x in stated:
         name = (photos or {}).get(x.name, x.name) if UNKNOWNS[x.kind].in_photo else x.name
-        if not UNKNOWNS[x.kind].in_photo or name in network.photos:
-            network.set_unknown(x.kind, name, x.values, sigma=sigma)
+        if UNKNOWNS[x.kind].in_photo:
+            if name not in network.photos:
+                continue
+            _give_readout(network, network.photos[name].camera)
+        network.set_unknown(x.kind, name, x.values, sigma=sigma)
     return {x.kind: x.steps for x in stated}
+
+
+def _give_readout(network: Network, name: str) -> None:
+    """Give a camera a rolling shutter, and a format if it has none."""
+    camera = network.cameras[name]
+    if camera.times() is None:
+        c = abs(camera.values[0])
+        network.cameras[name] = replace(
+            camera, format=camera.format or (1.3 * c, c), readout=READOUT
+        )
 
 
 def add_examples(network: Network, points: Sequence[str], photos: Sequence[str] = ()) -> None:
@@ -770,16 +783,12 @@ def moving_image_equations(lens_name: str, towards: Towards) -> tuple[Equations,
     """Return image coordinates of a photo that moves as it is read, and a step for each column."""
     view = VIEWS["ordinary"]
     network = image_equations(lens_name, view)[0].network.copy()
-    camera = replace(
-        network.cameras["camera"], format=(36.0, 24.0), readout=0.03, readout_towards=towards
-    )
-    network.cameras["camera"] = camera
-    network.set_unknown("photo_motion", "f", (9.0, -4.0, 2.0, 3.0, -2.0, 4.0))
+    give_motion(network, towards)
     equations = compile_network(network)
     steps = _image_steps(equations, LENSES_USED[lens_name], view, 0.005)
     pose = np.array(steps["pose"])
     # At the edges of the image the motion moves the pose by half the readout time as much.
-    steps["photo_motion"] = tuple(np.concatenate([pose[3:], pose[:3]]) / 0.015)
+    steps["photo_motion"] = tuple(np.roll(pose, 3) / (READOUT / 2.0))
     return equations, _steps(equations, steps)
 
 
@@ -806,6 +815,37 @@ def _image_steps(
             *np.minimum(along[3:], camera.longest),
         ),
     }
+
+
+def moving_line_equations(towards: Towards) -> tuple[Equations, Array]:
+    """Return measured points of a line in an image that moves as it is read, and steps."""
+    equations, steps = line_equations("brown", VIEWS["ordinary"])
+    network = equations.network.copy()
+    give_motion(network, towards)
+    moving = compile_network(network)
+    here, there = equations.unknowns, moving.unknowns
+    out = np.zeros(there.n_columns)
+    for kind, table in here.tables.items():
+        for name, number in table.number.items():
+            if table.offset[number] >= 0:
+                mine = there.columns(kind, there[kind].number[name])
+                out[mine] = steps[here.columns(kind, number)]
+    pose = there.columns("pose", there["pose"].number["f"])
+    motion = there.columns("photo_motion", there["photo_motion"].number["f"])
+    out[motion] = np.roll(out[pose], 3) / (READOUT / 2.0)
+    return moving, out
+
+
+READOUT = 0.03
+"""Readout time of cameras whose photos move, seconds."""
+
+
+def give_motion(network: Network, towards: Towards) -> None:
+    """Give the photo f a motion that is free, and its camera a rolling shutter."""
+    network.cameras["camera"] = replace(
+        network.cameras["camera"], format=(36.0, 24.0), readout=READOUT, readout_towards=towards
+    )
+    network.set_unknown("photo_motion", "f", (9.0, -4.0, 2.0, 3.0, -2.0, 4.0))
 
 
 def line_equations(lens_name: str, view: View) -> tuple[Equations, Array]:

@@ -47,6 +47,8 @@ def everything(frame_name: str) -> Network:
             per_photo=i == 2,
             format=(36.1 + 1 / 3, 24.0) if i % 3 else None,
             origin=ORIGINS[i % 3],
+            readout=0.03 if i in (1, 4) else None,
+            readout_towards="left" if i == 4 else "down",
         )
     n.add_photo(
         "f1",

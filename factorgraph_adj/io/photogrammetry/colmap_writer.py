@@ -19,6 +19,7 @@ from ...rotation import TURN_ABOUT_X, exp_rotation, log_rotation
 from ...solve.solution import Solution
 from ...types import Array
 from ..file_transaction import write_files
+from ..format_limits import motions_of_photos
 from .colmap_binary_files import binary_files
 from .colmap_cameras import CameraModel, candidate_models, normalised_lens, smallest_model
 from .colmap_model import (
@@ -185,7 +186,8 @@ def write_colmap(
     each camera are written as rigs; photos of other rigs are alone.
 
     Standard deviations, observations of other kinds, and points without image points have no place
-    in the format: they are left out, as is all that a network knows of held and weighted unknowns.
+    in the format: they are left out, as is all that a network knows of held and weighted unknowns,
+    and the readout times of its cameras.
 
     Args:
         network: the network with its given poses and coordinates, or a solution.
@@ -196,9 +198,10 @@ def write_colmap(
 
     Raises:
         InputError: no image points; cameras whose image unit is not the pixel, without a stated
-            format, or with a lens that COLMAP does not have; photos without a pose; points without
-            coordinates; a folder with files of the other kind, which COLMAP would read instead.
-            The message lists everything, and nothing is written.
+            format, or with a lens that COLMAP does not have; photos without a pose, or with a
+            motion during the readout; points without coordinates; a folder with files of the other
+            kind, which COLMAP would read instead. The message lists everything, and nothing is
+            written.
     """
     folder = Path(path)
     calibrations: Mapping[str, Array] = {}
@@ -223,7 +226,7 @@ def write_colmap(
 
 def _inexpressible(network: Network, folder: Path, other: str) -> list[Problem]:
     """Return what the format cannot express, except of lenses."""
-    problems = []
+    problems = motions_of_photos(network, "COLMAP")
     photo, point, _, _ = network.images.columns()
     if not len(photo):
         problems.append(Problem("the network has no image points", "colmap"))

@@ -44,7 +44,8 @@ def write_metashape(
     Args:
         network: the network; that of an adjustment is `Solution.as_network`.
         path: the .xml file.
-        content: "cameras" writes calibrations and poses alone, whatever else the network has.
+        content: "cameras" writes calibrations and poses alone, whatever else the network has but
+            motions of photos; readout times are left out.
 
     Raises:
         InputError: the format cannot express something of the network (all is listed), or the
@@ -64,6 +65,8 @@ def write_metashape(
         refusals.cameras(network)
         if network.frame != LocalFrame():
             refusals.refuse("a frame that is not local, with X east; use content='cameras'")
+    else:
+        refusals.motions(network)
     lines += _sensors(network, refusals)
     lines += _cameras(network, refusals, numbers, full)
     if full:

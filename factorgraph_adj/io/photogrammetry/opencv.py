@@ -344,7 +344,7 @@ def write_opencv(network: Network, path: str | Path, *, camera: str | None = Non
     """Write the calibration of a camera as YAML, or as XML for a name that ends in .xml.
 
     The file has image_width, image_height, camera_matrix and distortion_coefficients; photos,
-    points and observations are no part of it.
+    points, observations and the readout time of the camera are no part of it.
 
     Args:
         network: the network; that of an adjustment is `Solution.as_network`.

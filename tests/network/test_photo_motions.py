@@ -1,0 +1,84 @@
+"""Which photos can have a motion, and what is said of the motion of a photo."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+import factorgraph_adj as fga
+from factorgraph_adj.graph.equations import compile_network
+from factorgraph_adj.models.lens import BrownForwardLens
+from factorgraph_adj.network.additions import add_entities
+from factorgraph_adj.network.network import Network
+from factorgraph_adj.observations import ImagePoint, PhotoShift, PhotoTurn
+
+FORMAT, READOUT = (36.0, 24.0), 0.03
+
+
+def photos(readout: float | None = READOUT) -> Network:
+    """Return a network with the photos F0, F1, F2."""
+    network = Network("strip")
+    network.add_camera("camera", BrownForwardLens(), {"c": 30.0}, format=FORMAT, readout=readout)
+    for i in range(3):
+        network.add_photo(f"F{i}", "camera", position=(40 * i, 0, 80), omega_phi_kappa=(0, 0, 0))
+    return network
+
+
+def test_a_camera_without_readout_time_has_no_photos_that_move() -> None:
+    network = photos(None)
+    reason = r"photo 'F1'.*camera 'camera' has no readout time.*state readout and format"
+    with pytest.raises(fga.InputError, match=reason):
+        network.set_unknown("photo_motion", "F1")
+    assert not network.of_kind("photo_motion")
+
+
+def test_nor_has_a_finished_one() -> None:
+    moving, network = photos(), photos(None)
+    moving.set_unknown("photo_motion", "F1")
+    problems = add_entities(network, points=(), photos=(), cameras=(), unknowns=moving.parameters)
+    assert len(problems) == 1
+    assert "camera 'camera' has no readout time" in problems[0].what
+    assert "'F1'" in problems[0].where
+
+
+def test_motions_arrive_with_their_photos() -> None:
+    moving, network = photos(), Network()
+    moving.set_unknown("photo_motion", "F1", (1.0, 2.0, 3.0, 0.1, 0.2, 0.3))
+    parts = (moving.photos.values(), moving.cameras.values())
+    problems = add_entities(
+        network,
+        points=(),
+        photos=list(parts[0]),
+        cameras=list(parts[1]),
+        unknowns=moving.parameters,
+    )
+    assert not problems
+    assert network.of_kind("photo_motion") == moving.of_kind("photo_motion")
+
+
+def test_a_camera_that_loses_its_readout_time_is_noticed() -> None:
+    network = photos()
+    network.set_unknown("photo_motion", "F1")
+    network.add_point("P", (0.0, 0.0, 0.0))
+    network.add(ImagePoint("F1", "P", 1.0, 2.0, sigma=0.01))
+    compile_network(network)
+    network.cameras["camera"] = replace(network.cameras["camera"], readout=None)
+    with pytest.raises(fga.InputError, match=r"photo 'F1'.*no readout time"):
+        compile_network(network)
+
+
+@pytest.mark.parametrize("kind", [PhotoShift, PhotoTurn])
+def test_what_is_said_of_a_motion_needs_a_photo_that_moves(
+    kind: type[PhotoShift] | type[PhotoTurn],
+) -> None:
+    network = photos()
+    said = kind("F0", "F2", "F1", interval=8.0, sigma=(1.0, 1.0, 1.0))
+    with pytest.raises(fga.InputError, match=r"unknown motion of photo 'F1'.*photo_motions\.csv"):
+        network.add(said)
+    with pytest.raises(fga.InputError, match="unknown photo 'F9'"):
+        network.add(replace(said, motion="F9"))
+    assert not network.observations
+    network.set_unknown("photo_motion", "F1")
+    network.add(said)
+    assert len(network.observations) == 1
