@@ -208,6 +208,7 @@ _BUILT_IN: Sequence[UnknownKind] = (
             "image and their distances differ: give the motion standard deviations, or tie it to "
             "the neighbouring photos"
         ),
+        titles={"de": "Bewegung"},
     ),
     UnknownKind(
         "calibration",

@@ -36,7 +36,7 @@ from ..graph.blocks import Block
 from ..models.base import within
 from ..models.shapes import SHAPES, Shape
 from ..models.sub_frame import InFrame, from_frame, horizons, in_frame, split_frame
-from ..models.unknown_registry import VariableKind
+from ..models.unknown_registry import UNKNOWNS, VariableKind
 from ..network.network import Network
 from ..observations import observation_kind
 from ..solve.estimates import Estimate
@@ -346,7 +346,7 @@ def _columns(block: Block) -> tuple[list[int], int | None]:
     for i, ((kind, _), attribute) in enumerate(zip(block.arguments, block.named, strict=True)):
         if kind == "point" and "." not in attribute:
             on = i
-        elif kind not in ("pose", "calibration"):
+        elif kind not in ("pose", "calibration") and not UNKNOWNS[kind].in_photo:
             own.append(i)
     return own, on
 
