@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ...models.lens import Lens
+from ...models.rolling_shutter import Towards
 from ...network.network import Network
 from ...types import Array
 from ..numbers import MAX_NUMBER
@@ -46,6 +47,7 @@ def add_pixel_camera(
     size: tuple[float, float] | None,
     free: Iterable[str] = (),
     sigma: Mapping[str, float] | None = None,
+    readout: tuple[float, Towards] | None = None,
 ) -> None:
     """Add a camera whose image coordinates are pixels from the upper left corner.
 
@@ -57,7 +59,9 @@ def add_pixel_camera(
         size: width and height, pixels; None where unknown.
         free: names of the free parameters.
         sigma: standard deviations of the weighted parameters by name.
+        readout: readout time of a rolling shutter, seconds, and the side to which it proceeds.
     """
+    seconds, towards = (None, "down") if readout is None else readout
     network.add_camera(
         name,
         lens,
@@ -68,6 +72,8 @@ def add_pixel_camera(
         format=size,
         origin="upper left",
         y_down_in_files=True,
+        readout=seconds,
+        readout_towards=towards,
     )
 
 

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from ...crs.reference_system import Heights
 from ...errors import InputError, Problem
+from ...models.rolling_shutter import Towards
 from ...network.network import Network
 from ...observations import ControlPoint, PhotoPosition, SlopeDistance
 from ...types import Array
@@ -31,7 +32,10 @@ from .metashape_reference import (
     is_disabled,
     listed_elements,
 )
+from .rolling_shutters import RollingShutter, ShutterMotions, ShutterOptions
 
+UNSAID = "Metashape does not state of which part of the readout the motion is"
+"""Why motions are refused without an option."""
 LOCATION_WITHOUT_PHOTO = LeftOutReason(
     "locations of markers", "their cameras are switched off or not aligned"
 )
@@ -248,6 +252,11 @@ def read_metashape(
     crs: Literal["stated", "local"] = "stated",
     geoid: str | float | None = None,
     heights: Heights | None = None,
+    rolling_shutter: RollingShutter = "refuse",
+    readout: float | None = None,
+    readout_towards: Towards = "down",
+    sigma_shift: float = 1.0,
+    sigma_turn: float | None = None,
 ) -> Network:
     """Read a chunk of Metashape or PhotoScan.
 
@@ -263,6 +272,10 @@ def read_metashape(
     frame about the middle of what is given. Standard deviations are those of east, north and up,
     in a projected system of grid east and grid north. Heights of a projected system alone are
     ellipsoidal, as in Metashape; those of a compound system need its geoid.
+
+    Motions of cameras during the readout of a rolling shutter are a rotation and a location.
+    Agisoft states their axes, those of the camera, but neither sign nor part of the readout; so
+    ``rolling_shutter`` says what becomes of them. No public project has values.
 
     Args:
         path: a .psz or .psx project, or an exported .xml of cameras or markers.
@@ -280,10 +293,21 @@ def read_metashape(
         geoid: geoid of a compound system, a file or a constant, see `fga.ReferenceSystem`; None:
             that of PROJ.
         heights: "ellipsoidal" where the heights of a compound system are that.
+        rolling_shutter: what becomes of motions during the readout, see `RollingShutter`;
+            "estimate" gives all photos of sensors with a rolling shutter an unknown motion (of all
+            sensors where the file names none).
+        readout: readout time of the whole sensor, seconds; None: unknown, motions are those of the
+            whole readout (1 s).
+        readout_towards: side of the image to which the readout proceeds.
+        sigma_shift: standard deviation of the shift during the readout about that of the file, or
+            about zero, metres.
+        sigma_turn: standard deviation of the turn during the readout, radians; None: the turn is
+            held, at zero with "estimate".
 
     Raises:
         InputError: the file has problems, each with file and line.
     """
+    options = ShutterOptions(rolling_shutter, readout, readout_towards, sigma_shift, sigma_turn)
     problems = Problems()
     source = open_chunk(Path(path), chunk)
     context = ChunkContext(source, problems, dict(accuracy or {}), crs == "local", geoid, heights)
@@ -292,8 +316,10 @@ def read_metashape(
             check_flags(place, problems)
     label = source.chunk.element.attributes.get("label", "")
     network = Network(label or Path(path).stem, frame=context.reference.frame)
-    sensors = add_sensors(context, network, calibration)
-    cameras = add_cameras(context, network, sensors, unaligned=unaligned == "keep")
+    motions = ShutterMotions(options, network, problems, UNSAID)
+    sensors = add_sensors(context, network, calibration, motions)
+    cameras = add_cameras(context, network, sensors, motions, unaligned=unaligned == "keep")
+    motions.finish()
     markers = add_markers(context, network)
     images = ImagePoints(problems)
     gather_locations(context, images, cameras, markers)

@@ -29,6 +29,7 @@ from ...models.normalised_lens import AffineNormalisedLens, RationalLens
 from ...models.ray_lens import FisheyeLens
 from ...network.network import Network
 from ...observations import PhotoPosition
+from ...rotation import log_rotation
 from ...types import Array
 from ..source import Problems, is_unread
 from ..xml_files import Element
@@ -39,6 +40,7 @@ from .block_source import (
     rotation_and_scale,
 )
 from .metashape_reference import ChunkContext, chunk_cameras, is_disabled, listed_elements
+from .rolling_shutters import ShutterMotions, ShutterOptions
 
 CURRENT_PARAMETERS = ("f", "cx", "cy", "b1", "b2", "k1", "k2", "k3", "k4", "p1", "p2", "p3", "p4")
 OLD_PARAMETERS = ("fx", "fy", "cx", "cy", "skew", "k1", "k2", "k3", "k4", "p1", "p2", "p3", "p4")
@@ -66,6 +68,8 @@ LOST_PARAMETERS: Mapping[type[Lens], tuple[str, ...]] = MappingProxyType(
 """Lens models that are the same function as one of Metashape's, where these parameters are zero."""
 CalibrationUnknowns: TypeAlias = Literal["optimised", "held"] | Sequence[str]
 """Which calibration parameters are unknown."""
+MOTION_SIZES = {"rotation": 9, "location": 3}
+"""Numbers of the parts of the motion of a camera during the readout."""
 JOINED_PARAMETERS = {"cxcy": ["cx", "cy"], "k1k2k3": ["k1", "k2", "k3"], "p1p2": ["p1", "p2"]}
 """Parameters of PhotoScan's flags before 1.2.4 that represent several."""
 
@@ -182,11 +186,15 @@ def calibration_parameters(
 
 
 def add_sensors(
-    context: ChunkContext, network: Network, choice: CalibrationUnknowns
+    context: ChunkContext,
+    network: Network,
+    choice: CalibrationUnknowns,
+    motions: ShutterMotions,
 ) -> dict[str, str]:
     """Add the sensors that cameras use; return their names by their ids."""
     chunk, problems = context.source.chunk, context.problems
     out: dict[str, str] = {}
+    rolling = _rolling_sensors(context, motions.options)
     used = {c.attributes.get("sensor_id", "") for c in chunk_cameras(chunk.element)}
     for sensor in listed_elements(chunk.element, "sensors", "sensor"):
         ident, where = sensor.attributes.get("id", ""), chunk.where(sensor)
@@ -201,11 +209,42 @@ def add_sensors(
             continue
         label = sensor.attributes.get("label", "") or "camera"
         out[ident] = label if label not in network.cameras else f"{label} ({ident})"
+        if _has_rolling_shutter(sensor):
+            motions.read_by_row.append(out[ident])
         with problems.collect(where):
             add_pixel_camera(
-                network, out[ident], found.lens, found.values, size=found.size, free=found.free
+                network,
+                out[ident],
+                found.lens,
+                found.values,
+                size=found.size,
+                free=found.free,
+                readout=motions.options.camera if ident in rolling else None,
             )
     return out
+
+
+def _has_rolling_shutter(sensor: Element) -> bool:
+    """Return whether Metashape models the rolling shutter of a sensor."""
+    return any(
+        p.attributes.get("name") == "rolling_shutter" and p.attributes.get("value") in ("true", "1")
+        for p in sensor.all("property")
+    )
+
+
+def _rolling_sensors(context: ChunkContext, options: ShutterOptions) -> set[str]:
+    """Return the ids of the sensors whose photos may move during the readout."""
+    chunk = context.source.chunk.element
+    moving = {
+        c.attributes.get("sensor_id", "")
+        for c in chunk_cameras(chunk)
+        if (shutter := c.first("rolling_shutter")) is not None and shutter.children
+    }
+    if options.choice != "estimate":
+        return moving
+    every = list(listed_elements(chunk, "sensors", "sensor"))
+    said = {s.attributes.get("id", "") for s in every if _has_rolling_shutter(s)}
+    return moving | said or {s.attributes.get("id", "") for s in every}
 
 
 def _calibration(
@@ -267,7 +306,12 @@ def _optimised(context: ChunkContext, sensor: Element, adjusted: Element | None)
 
 
 def add_cameras(
-    context: ChunkContext, network: Network, sensors: Mapping[str, str], *, unaligned: bool
+    context: ChunkContext,
+    network: Network,
+    sensors: Mapping[str, str],
+    motions: ShutterMotions,
+    *,
+    unaligned: bool,
 ) -> dict[str, str]:
     """Add photos and observed projection centres; return the names of the photos by their ids."""
     chunk, problems = context.source.chunk, context.problems
@@ -297,16 +341,57 @@ def add_cameras(
             network.add_photo(label, sensors[sensor], position=position, rotation=rotation)
             out[ident] = label
             _observe_position(context, network, camera, label, where)
+            _add_motion(context, camera, label, rotation, motions, where)
+            if network.cameras[sensors[sensor]].readout is not None:
+                motions.estimate(label)
     return out
+
+
+def _add_motion(
+    context: ChunkContext,
+    camera: Element,
+    photo: str,
+    rotation: Array | None,
+    motions: ShutterMotions,
+    where: str,
+) -> None:
+    """Take the motion of a camera during the readout: a rotation and a location in its axes.
+
+    A ray p in the axes of the pose is seen along Rˢ (p − s t) where s is 0 in the middle row and 1
+    in the last one: this is how PlaCamera, an open library, projects with Metashape's motions.
+    """
+    shutter = camera.first("rolling_shutter")
+    if shutter is None or not shutter.children:
+        return
+    parts = {}
+    for child in shutter.children:
+        if child.tag not in MOTION_SIZES:
+            what = f"unknown element <{child.tag}> of a rolling shutter; valid: "
+            context.problems.wrong(what + ", ".join(f"<{n}>" for n in MOTION_SIZES), where)
+            return
+        found = context.problems.field(child.text.split(), f"<{child.tag}>", where).numbers(
+            MOTION_SIZES[child.tag]
+        )
+        if is_unread(found):
+            return
+        parts[child.tag] = np.array(found)
+    turned = rotation_and_scale(parts.get("rotation", np.eye(3)).reshape(3, 3))
+    if turned is None or abs(turned[1] - 1.0) > 1e-4:
+        context.problems.wrong("<rotation> of a rolling shutter is no rotation", where)
+        return
+    turn = -log_rotation(turned[0][None])[0]
+    placed = context.placed(camera.attributes.get("component_id"))
+    shift = np.zeros(3)
+    if rotation is not None and placed is not None:
+        shift = placed.scale * rotation @ parts.get("location", shift)
+    if shift.any() or turn.any():
+        motions.add(photo, where, shift, turn)
 
 
 def _pose(
     context: ChunkContext, camera: Element, where: str
 ) -> tuple[bool, Array | None, Array | None]:
     """Return whether a camera is aligned, and its rotation and centre in the frame if known."""
-    shutter = camera.first("rolling_shutter")
-    if shutter is not None and shutter.children:
-        context.problems.wrong("has a rolling shutter; valid: photos with one pose", where)
     element = camera.first("transform")
     if element is None or not element.text.strip():
         return False, None, None

@@ -16,6 +16,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...models.lens import NormalisedLens
+from ...models.rolling_shutter import Towards
 from ...network.network import Network
 from ...observations import ControlPoint, PhotoPosition, PointDirection, SlopeDistance
 from ..format_reader import NetworkReader, Reader, beginning_has
@@ -31,6 +32,7 @@ from .block_source import (
     add_pixel_camera,
 )
 from .opf_files import OpfProject, image_file_name, open_project, read_tie_cloud
+from .rolling_shutters import RollingShutter, ShutterMotions, ShutterOptions
 
 TIES_AS_CHECK_POINTS = LeftOutReason(
     "manual tie points", "they are check points without given coordinates"
@@ -38,6 +40,8 @@ TIES_AS_CHECK_POINTS = LeftOutReason(
 POSE_WITHOUT_CAPTURE = LeftOutReason("poses", "no capture has their camera")
 POSITION_WITHOUT_PHOTO = LeftOutReason("positions of captures", "they have no calibrated camera")
 
+UNSAID = "rolling_shutter='refuse' asks for photos that stand still"
+"""Why motions are refused: on request alone, since the format says what they are."""
 OPF_PARAMETERS = ("c", "x0", "y0", "k1", "k2", "k3", "p1", "p2")
 """Parameters of a perspective camera, all of which a calibration estimates."""
 
@@ -51,6 +55,11 @@ def read_opf(
     sigma_px: float = 1.0,
     sigma_mark_px: float = 1.0,
     rigs: Literal["refuse", "apart"] = "refuse",
+    rolling_shutter: RollingShutter = "half readout",
+    readout: float | None = None,
+    readout_towards: Towards = "down",
+    sigma_shift: float = 1.0,
+    sigma_turn: float | None = None,
 ) -> Network:
     """Read a project of the Open Photogrammetry Format.
 
@@ -61,6 +70,11 @@ def read_opf(
     read. Manual tie points that are check points take no part and are left out. Attitudes of
     captures, dense clouds, and items of vendors (ext_…) are not read.
 
+    ``rolling_shutter`` of a calibrated camera is Δc of the paper to which the format refers
+    (Vautherin et al. 2016): c(t) = c₀ + λ Δc with λ from −1 in the first row to 1 in the last one,
+    in the axes of the processing system. Its axes and λ are those of the equations as openMVG's
+    branch with a model of rolling shutters repeats them; no public file has values.
+
     Args:
         path: project.opf, or its folder.
         calibration: whether the interior orientation is unknown; the format does not say it.
@@ -69,6 +83,15 @@ def read_opf(
         sigma_px: standard deviation of their image coordinates, pixels; the format has none.
         sigma_mark_px: standard deviation of a mark of accuracy 1, pixels.
         rigs: "apart" reads cameras of one capture as photos that nothing ties together.
+        rolling_shutter: what becomes of motions during the readout, see `RollingShutter`;
+            "estimate" gives all photos of sensors with a rolling shutter an unknown motion (of all
+            sensors where the file names none).
+        readout: readout time of the whole sensor, seconds; None: unknown, motions are those of the
+            whole readout (1 s).
+        readout_towards: side of the image to which the readout proceeds.
+        sigma_shift: standard deviation of the shift during the readout about that of the file, or
+            about zero, metres.
+        sigma_turn: standard deviation of the turn during the readout, radians; None: no turn.
 
     Raises:
         InputError: a file is missing or has problems, each with file and line.
@@ -82,12 +105,17 @@ def read_opf(
     for name, value in (("sigma_px", sigma_px), ("sigma_mark_px", sigma_mark_px)):
         if not value > 0:
             raise InputError(f"{name} must be greater than zero, not {value}")
+    options = ShutterOptions(rolling_shutter, readout, readout_towards, sigma_shift, sigma_turn)
     project = open_project(source)
     problems = Problems()
     names = project.root.get("name")
     network = Network(source.stem if names is None else names.text())
-    photos = _Cameras(project, network, problems, calibration == "optimised", rigs == "apart")
+    motions = ShutterMotions(options, network, problems, UNSAID)
+    photos = _Cameras(
+        project, network, problems, calibration == "optimised", rigs == "apart", motions
+    )
     photos.add()
+    motions.finish()
     if positions == "observe":
         _positions(project, network, problems, photos.names)
     images = ImagePoints(problems)
@@ -112,6 +140,7 @@ class _Cameras:
     problems: Problems
     free: bool
     apart: bool
+    motions: ShutterMotions
 
     def add(self) -> None:
         """Add sensors as cameras and cameras as photos; ``names`` has the photos by id."""
@@ -126,6 +155,7 @@ class _Cameras:
             n.need("id").integer(): n for n in self.project.list("calibrated-cameras", "sensors")
         }
         self.project.need("input-cameras")
+        self.rolling = self._rolling(inputs)
         for ident, node in inputs.items():
             with self.problems.collect(node.where):
                 self._sensor(ident, node, done.get(ident, node))
@@ -152,6 +182,22 @@ class _Cameras:
             if ident not in taken:
                 self.problems.leave_out(POSE_WITHOUT_CAPTURE, f"camera {ident}", node.where)
 
+    def _rolling(self, inputs: Mapping[int, JsonNode]) -> set[int]:
+        """Return the sensors whose photos may move during the readout."""
+        moving: set[int] = set()
+        for pose in self.project.list("calibrated-cameras", "cameras"):
+            shutter = pose.get("rolling_shutter")
+            if shutter is not None:
+                moving.add(pose.need("sensor_id").integer())
+        said = {
+            ident
+            for ident, node in inputs.items()
+            if (kind := node.get("shutter_type")) is not None and kind.text() == "rolling"
+        }
+        if self.motions.options.choice != "estimate":
+            return moving
+        return moving | said or set(inputs)
+
     def _sensor(self, ident: int, given: JsonNode, node: JsonNode) -> None:
         size = given.need("image_size_px").numbers(2)
         internals = node.need("internals")
@@ -168,9 +214,15 @@ class _Cameras:
         name = f"sensor {ident}" if label is None else label.text()
         name = name if name not in self.network.cameras else f"{name} ({ident})"
         self.sensors[ident] = name
+        kind = given.get("shutter_type")
+        if kind is not None and kind.text() == "rolling":
+            self.motions.read_by_row.append(name)
         free = OPF_PARAMETERS if self.free else ()
         sides = (size[0], size[1])
-        add_pixel_camera(self.network, name, NormalisedLens(), values, size=sides, free=free)
+        read_by_row = self.motions.options.camera if ident in self.rolling else None
+        add_pixel_camera(
+            self.network, name, NormalisedLens(), values, size=sides, free=free, readout=read_by_row
+        )
 
     def _photo(
         self, camera: JsonNode, poses: Mapping[int, JsonNode], listed: Mapping[int, str]
@@ -184,17 +236,20 @@ class _Cameras:
         name = listed.get(ident, f"camera {ident}")
         name = name if name not in self.network.photos else f"{name} ({ident})"
         pose = poses.get(ident)
-        position, angles = None, None
+        position, angles, shift = None, None, None
         if pose is not None:
             shutter = pose.get("rolling_shutter")
-            if shutter is not None and any(shutter.numbers(3)):
-                raise shutter.fail("a rolling shutter cannot be read; valid: photos with one pose")
+            shift = None if shutter is None else np.array(shutter.numbers(3))
             position = pose.need("position").numbers(3)
             angles = np.deg2rad(pose.need("orientation_deg").numbers(3)).tolist()
         self.network.add_photo(
             name, self.sensors[sensor.integer()], position=position, omega_phi_kappa=angles
         )
         self.names[ident] = name
+        if shift is not None and shift.any():
+            self.motions.add(name, camera.where if pose is None else pose.where, shift, np.zeros(3))
+        if sensor.integer() in self.rolling:
+            self.motions.estimate(name)
 
 
 def _positions(

@@ -1,0 +1,174 @@
+"""Motions of photos during the readout, as files state them, and what readers make of them.
+
+Files state how far a camera moves and turns while a rolling shutter reads its sensor, not how fast,
+since image points tell no time: a shift in metres and a turn in radians, from the middle row to the
+last one (half the readout) or from the first row to the last one (the whole readout). With the
+readout time T the motion of a photo is v = shift/T and ω = turn/T of the whole readout; its pose is
+that of the middle row, see `models.rolling_shutter`.
+
+A motion that is read or estimated is a weighted unknown: the shift of the whole readout about that
+of the file, or about zero, with a standard deviation that is larger than drones move, so that it
+decides only what image points do not tell. Turns are held unless they have a standard deviation.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Literal, TypeAlias, get_args
+
+import numpy as np
+
+from ...errors import InputError, known
+from ...models.rolling_shutter import TOWARDS, Towards
+from ...network.network import Network
+from ...types import Array
+from ..source import LeftOutReason, Problems
+
+RollingShutter: TypeAlias = Literal[
+    "refuse", "half readout", "whole readout", "estimate", "leave out"
+]
+"""What becomes of motions: a problem, read as those of half or of the whole readout, unknowns that
+begin at zero, or nothing, so that photos stand still at the pose of their middle row."""
+READOUT_PARTS = {"half readout": 2.0, "whole readout": 1.0}
+"""Shift and turn of the whole readout by those of the part that a file states."""
+MOTIONS_LEFT_OUT = LeftOutReason(
+    "motions of photos during the readout", "rolling_shutter='leave out' keeps the poses alone"
+)
+TURNS = ("rx_t", "ry_t", "rz_t")
+"""Names of the turns among the components of a motion."""
+
+
+@dataclass(frozen=True)
+class ShutterOptions:
+    """Options of readers about rolling shutters."""
+
+    choice: RollingShutter
+    """What becomes of motions."""
+    readout: float | None = None
+    """Readout time of the whole sensor, seconds; None: unknown, 1 s stands for it."""
+    readout_towards: Towards = "down"
+    """Side of the image to which the readout proceeds."""
+    sigma_shift: float = 1.0
+    """Standard deviation of the shift during the whole readout, metres."""
+    sigma_turn: float | None = None
+    """Standard deviation of the turn during it, radians; None: held."""
+
+    def __post_init__(self) -> None:
+        """Check the options.
+
+        Raises:
+            InputError: a word that is none, or a number that is not greater than zero.
+        """
+        for name, word, words in (
+            ("rolling_shutter", self.choice, get_args(RollingShutter)),
+            ("readout_towards", self.readout_towards, TOWARDS),
+        ):
+            if word not in words:
+                raise InputError(f"unknown {name} {word!r}; valid: {known(words, meant=word)}")
+        for name in ("readout", "sigma_shift", "sigma_turn"):
+            value = getattr(self, name)
+            if value is not None and not (math.isfinite(value) and value > 0):
+                raise InputError(f"{name} must be greater than zero, not {value}")
+
+    @property
+    def models_motions(self) -> bool:
+        """Whether photos get motions."""
+        return self.choice == "estimate" or self.choice in READOUT_PARTS
+
+    @property
+    def seconds(self) -> float:
+        """Readout time, seconds; 1 s where it is unknown: motions are those of the readout."""
+        return 1.0 if self.readout is None else self.readout
+
+    @property
+    def camera(self) -> tuple[float, Towards] | None:
+        """Readout of a camera with a rolling shutter; None where photos get no motions."""
+        return (self.seconds, self.readout_towards) if self.models_motions else None
+
+
+@dataclass
+class ShutterMotions:
+    """Motions of the photos of a file while it is read."""
+
+    options: ShutterOptions
+    """What becomes of them."""
+    network: Network
+    """Network of the photos."""
+    problems: Problems
+    """Where problems go."""
+    unsaid: str
+    """What the format does not say about its motions."""
+    stated: list[tuple[str, str]] = field(default_factory=list)
+    """Photos of which the file states a motion, and their places."""
+    modelled: int = 0
+    """Number of photos that have got a motion."""
+    read_by_row: list[str] = field(default_factory=list)
+    """Cameras of which the file says that they have a rolling shutter."""
+
+    def add(self, photo: str, where: str, shift: Array, turn: Array) -> None:
+        """Take the motion that a file states of a photo of the network.
+
+        Args:
+            photo: name of the photo.
+            where: its place.
+            shift: shift of the part of the readout that the file means, (3,) metres, network axes.
+            turn: turn of it about the axes of the camera, x right, y down, z forward, (3,) radians.
+        """
+        self.stated.append((photo, where))
+        if self.options.choice == "leave out":
+            self.problems.leave_out(MOTIONS_LEFT_OUT, photo, where)
+        part = READOUT_PARTS.get(self.options.choice)
+        if part is not None:
+            self._state(photo, part * np.concatenate([shift, turn]))
+
+    def estimate(self, photo: str) -> None:
+        """Let the adjustment find the motion of a photo if that is asked for."""
+        if self.options.choice == "estimate":
+            self._state(photo, np.zeros(6))
+
+    def _state(self, photo: str, whole: Array) -> None:
+        """State the motion of the whole readout, shift and turn (6,)."""
+        options, seconds = self.options, self.options.seconds
+        deviations = dict.fromkeys(("x_t", "y_t", "z_t"), options.sigma_shift / seconds)
+        if options.sigma_turn is not None:
+            deviations |= dict.fromkeys(TURNS, options.sigma_turn / seconds)
+        held = TURNS if options.sigma_turn is None else ()
+        self.network.set_unknown(
+            "photo_motion", photo, (whole / seconds).tolist(), fixed=held, sigma=deviations
+        )
+        self.modelled += 1
+
+    def finish(self) -> None:
+        """Refuse motions of which the meaning is not stated; remark what was assumed."""
+        options = self.options
+        if self.stated and options.choice == "refuse":
+            photo, where = self.stated[0]
+            what = (
+                f"photo {photo!r} moves during the readout of a rolling shutter (photos that move: "
+                f"{len(self.stated)}); {self.unsaid}; valid: rolling_shutter='estimate' (the "
+                "adjustment finds the motions), 'half readout' or 'whole readout' (the motion of "
+                "the file is that from the middle row, or from the first one, to the last one), "
+                "'leave out' (photos stand still)"
+            )
+            self.problems.wrong(what, where)
+        if self.read_by_row and not self.stated and options.choice != "estimate":
+            names = known(self.read_by_row)
+            self.problems.remarks.append(
+                f"cameras with a rolling shutter whose photos have no motion: {names}; "
+                "rolling_shutter='estimate' lets the adjustment find it"
+            )
+        if self.modelled:
+            about = (
+                "zero" if options.choice == "estimate" else f"that of the file ({options.choice})"
+            )
+            turned = "held" if options.sigma_turn is None else f"± {options.sigma_turn:g} rad"
+            said = (
+                f"photos that move during the readout: {self.modelled}; shift of the readout: "
+                f"{about} ± {options.sigma_shift:g} m, turn: {turned}"
+            )
+            if options.readout is None:
+                said += (
+                    "; motions are those of the whole readout (readout = 1 s): its time is unknown"
+                )
+            self.problems.remarks.append(said)
