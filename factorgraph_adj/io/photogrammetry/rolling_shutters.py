@@ -168,7 +168,5 @@ class ShutterMotions:
                 f"{about} ± {options.sigma_shift:g} m, turn: {turned}"
             )
             if options.readout is None:
-                said += (
-                    "; motions are those of the whole readout (readout = 1 s): its time is unknown"
-                )
+                said += "; its time is unknown: motions are those of the whole readout (1 s)"
             self.problems.remarks.append(said)

@@ -1,0 +1,349 @@
+"""Motions during the readout: full circles of a drone block through OPF and Metashape, refusals."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import factorgraph_adj as fga
+from factorgraph_adj.errors import InputError
+from factorgraph_adj.graph.equations import compile_network
+from factorgraph_adj.io.photogrammetry.block_source import add_pixel_camera
+from factorgraph_adj.io.photogrammetry.metashape_cameras import calibration_parameters
+from factorgraph_adj.io.photogrammetry.opf import read_opf
+from factorgraph_adj.models.lens import NormalisedLens
+from factorgraph_adj.observations import ControlPoint, PhotoPosition
+from factorgraph_adj.rotation import exp_rotation
+from factorgraph_adj.simulation.measurement import disturb, measure
+from factorgraph_adj.solve.solution import Solution
+from tests.networks.rolling_drone import FOCAL, READOUT, SENSOR, SIGMA_PX, flown, true_motions
+
+FREE = ("c", "x0", "y0", "k1", "k2", "k3", "p1", "p2")
+"""What is unknown of the calibration: OPF frees all."""
+TURNING: dict[str, Any] = {"readout": READOUT, "sigma_turn": 0.01}
+"""Options of a camera that turns during the readout, by 1/3 rad/s."""
+
+
+@pytest.fixture(scope="module")
+def plan() -> fga.Network:
+    """Return the drone block with a camera as programs that count pixels have it."""
+    network = flown()
+    network.cameras.clear()
+    values = {"c": FOCAL, "x0": SENSOR[0] / 2, "y0": -SENSOR[1] / 2, "k1": -0.01}
+    add_pixel_camera(
+        network,
+        "camera",
+        NormalisedLens(),
+        values,
+        size=SENSOR,
+        free=FREE,
+        readout=(READOUT, "down"),
+    )
+    return network
+
+
+@pytest.fixture(scope="module")
+def flight(plan: fga.Network) -> fga.Network:
+    """Return the block as measured, with rough poses, as a program that lost the motions has it."""
+    network = disturb(measure(plan, seed=7), seed=7, points=0.3, centres=0.3, attitudes=0.005)
+    network.cameras["camera"] = replace(network.cameras["camera"], readout=None)
+    network.parameters.clear()
+    return network
+
+
+Motion = Callable[[str], tuple[np.ndarray, np.ndarray]]
+"""Shift and turn of the whole readout of a photo that a file states."""
+
+
+@pytest.fixture(scope="module")
+def true(plan: fga.Network) -> Motion:
+    """Return the true shift and turn of the whole readout of a photo."""
+    motions = true_motions(plan)
+    return lambda photo: (READOUT * motions[photo][:3], READOUT * motions[photo][3:])
+
+
+def opf(network: fga.Network, folder: Path, motion: Motion | None) -> Path:
+    """Write a project whose calibrated cameras have Δc, the shift of half the readout."""
+    folder.mkdir(exist_ok=True)
+    fga.write_opf(network, folder / "block.opf")
+    target = folder / "calibrated-cameras.json"
+    document = json.loads(target.read_text(encoding="utf-8"))
+    for photo, camera in zip(network.photos, document["cameras"], strict=True):
+        if motion is not None:
+            camera["rolling_shutter"] = (motion(photo)[0] / 2).tolist()
+    target.write_text(json.dumps(document, indent=1), encoding="utf-8")
+    return folder / "block.opf"
+
+
+def numbers(values: Any) -> str:
+    return " ".join(repr(float(v)) for v in np.ravel(values))
+
+
+def metashape(network: fga.Network, folder: Path, motion: Motion | None, part: float = 2.0) -> Path:
+    """Write a project whose cameras have location and rotation of a part of the readout.
+
+    A ray p is seen along R (p − t) in the last row.
+    """
+    folder.mkdir(exist_ok=True)
+    camera = network.cameras["camera"]
+    values = dict(zip(camera.lens.names, camera.values, strict=True))
+    parameters = calibration_parameters(camera.lens, values, SENSOR)
+    assert parameters is not None
+    calibration = "".join(f"<{n}>{v!r}</{n}>" for n, v in parameters.items())
+    cameras, ids = [], {p: i for i, p in enumerate(network.photos)}
+    centres = {o.photo: o for o in network.observations.values() if isinstance(o, PhotoPosition)}
+    for name, photo in network.photos.items():
+        matrix = np.eye(4)
+        assert photo.rotation is not None and photo.position is not None
+        matrix[:3, :3], matrix[:3, 3] = photo.rotation, photo.position
+        moved = ""
+        if motion is not None:
+            shift, turn = motion(name)
+            location = photo.rotation.T @ shift / part
+            rotation = exp_rotation(turn[None] / part)[0].T
+            moved = (
+                f"<rolling_shutter><rotation>{numbers(rotation)}</rotation>"
+                f"<location>{numbers(location)}</location></rolling_shutter>"
+            )
+        x, y, z = centres[name].value
+        sx, sy, sz = centres[name].sigma or (1.0, 1.0, 1.0)
+        cameras.append(
+            f'<camera id="{ids[name]}" sensor_id="0" label="{name}">'
+            f"<transform>{numbers(matrix)}</transform>{moved}"
+            f'<reference x="{x!r}" y="{y!r}" z="{z!r}" sx="{sx}" sy="{sy}" sz="{sz}"/></camera>'
+        )
+    control = {o.point: o for o in network.observations.values() if isinstance(o, ControlPoint)}
+    markers, locations = [], []
+    photo, point, xy, _ = network.images.columns()
+    for number, name in enumerate(network.points):
+        reference = ""
+        if name in control:
+            x, y, z = control[name].value
+            reference = f'<reference x="{x!r}" y="{y!r}" z="{z!r}" sxyz="0.02"/>'
+        markers.append(f'<marker id="{number}" label="{name}">{reference}</marker>')
+        seen = "".join(
+            f'<location camera_id="{photo[i]}" x="{float(xy[i, 0])!r}" y="{-float(xy[i, 1])!r}"/>'
+            for i in np.flatnonzero(point == number)
+        )
+        locations.append(f'<marker marker_id="{number}">{seen}</marker>')
+    text = f"""<?xml version="1.0" encoding="UTF-8"?>
+<document version="1.2.0"><chunks><chunk id="0" label="drone block">
+<sensors><sensor id="0" label="camera" type="frame">
+<resolution width="{SENSOR[0]:g}" height="{SENSOR[1]:g}"/>
+<property name="rolling_shutter" value="true"/>
+<calibration type="frame" class="adjusted">{calibration}</calibration>
+<covariance><params>f cx cy k1 k2 k3 p1 p2</params></covariance></sensor></sensors>
+<cameras>
+{chr(10).join(cameras)}
+</cameras>
+<markers>{"".join(markers)}</markers>
+<settings><property name="accuracy_projections" value="{SIGMA_PX}"/></settings>
+<frames><frame id="0"><markers>{"".join(locations)}</markers></frame></frames>
+</chunk></chunks></document>
+"""
+    with zipfile.ZipFile(folder / "block.psz", "w") as archive:
+        archive.writestr("doc.xml", text.replace(chr(10) + chr(10), chr(10)))
+    return folder / "block.psz"
+
+
+WRITERS = {"opf": opf, "metashape": metashape}
+
+
+def motion_of(solution: Solution, photo: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return the motion of a photo and its standard deviations, NaN where it is held."""
+    found = solution.unknown("photo_motion", photo)
+    return np.array(found.values), np.array(found.sigmas)
+
+
+# -- full circles ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("form", WRITERS)
+@pytest.mark.parametrize("choice", ["half readout", "estimate"])
+def test_motions_of_a_simulated_block_are_recovered(
+    form: str, choice: str, plan: fga.Network, flight: fga.Network, true: Motion, tmp_path: Path
+) -> None:
+    """Whether the file states them or they begin at zero: the same minimum, within 4 σ."""
+    path = WRITERS[form](flight, tmp_path, true)
+    solution = fga.adjust(fga.read(path, rolling_shutter=choice, **TURNING))
+    assert solution.converged and solution.sigma0 == pytest.approx(1.0, abs=0.12)
+    errors = []
+    for photo, motion in true_motions(plan).items():
+        found, sigma = motion_of(solution, photo)
+        errors.append((found - motion) / sigma)
+        assert sigma[:3].max() < 10.0  # the weight alone gives 33 m/s
+    assert np.abs(errors).max() < 4.0
+    assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(1.0, abs=0.35)
+
+
+def test_the_formats_and_a_network_of_our_own_give_the_same_motions(
+    flight: fga.Network, true: Motion, tmp_path: Path
+) -> None:
+    """OPF states no turns: those of its photos begin at zero, and are weighted about it."""
+    half = {"rolling_shutter": "half readout"}
+    whole = {"rolling_shutter": "whole readout"}
+    for path, options, turns in (
+        (opf(flight, tmp_path / "opf", true), {}, False),
+        (metashape(flight, tmp_path / "half", true), half, True),
+        (metashape(flight, tmp_path / "whole", true, part=1.0), whole, True),
+    ):
+        own = flight.copy()
+        own.cameras["camera"] = replace(own.cameras["camera"], readout=READOUT)
+        for photo in own.photos:
+            shift, turn = true(photo)
+            start = np.concatenate([shift, turns * turn]) / READOUT
+            deviations = np.repeat([1.0, TURNING["sigma_turn"]], 3) / READOUT
+            own.set_unknown("photo_motion", photo, start, sigma=deviations)
+        read = fga.read(path, **options, **TURNING)
+        for photo, motion in read.of_kind("photo_motion").items():
+            stated = own.of_kind("photo_motion")[photo]
+            np.testing.assert_allclose(motion.values, stated.values, atol=1e-9)
+        ours, theirs = fga.adjust(own), fga.adjust(read)
+        for photo in flight.photos:
+            a, b = motion_of(ours, photo), motion_of(theirs, photo)
+            np.testing.assert_allclose(a, b, atol=1e-5)
+
+
+def test_without_a_readout_time_motions_are_those_of_the_whole_readout(
+    flight: fga.Network, true: Motion, tmp_path: Path
+) -> None:
+    path = opf(flight, tmp_path, true)
+    network = fga.read(path)
+    assert network.cameras["camera"].readout == 1.0
+    assert any("its time is unknown: motions are those of the whole" in r for r in network.remarks)
+    known = fga.adjust(fga.read(path, readout=READOUT))
+    unknown = fga.adjust(network)
+    for photo in flight.photos:
+        assert network.of_kind("photo_motion")[photo].values[:3] == pytest.approx(true(photo)[0])
+        a, b = motion_of(known, photo)[0], motion_of(unknown, photo)[0]
+        np.testing.assert_allclose(READOUT * a, b, atol=1e-7)
+        assert not b[3:].any()
+    assert unknown.vtpv == pytest.approx(known.vtpv, rel=1e-9)
+
+
+def test_photos_that_stand_still_do_not_fit(
+    flight: fga.Network, true: Motion, tmp_path: Path
+) -> None:
+    """What it is for: σ̂0 of the poses alone; what is left out is told."""
+    network = fga.read(opf(flight, tmp_path, true), rolling_shutter="leave out")
+    assert network.cameras["camera"].readout is None
+    assert not network.of_kind("photo_motion")
+    left = {e.what: e.count for e in network.left_out}
+    assert left["motions of photos during the readout"] == len(network.photos)
+    assert fga.adjust(network).sigma0 > 2.0
+
+
+# -- what the files say ---------------------------------------------------------------------------
+
+
+def test_a_motion_of_metashape_is_seen_as_an_open_library_projects_it(tmp_path: Path) -> None:
+    """PlaCamera, test MatchesMetashapeRollingShutterProjectionAndInverseRay: its figures."""
+    rotation = exp_rotation(np.array([[0.0012, -0.0008, 0.0005]]))[0]
+    camera = (
+        '<camera id="0" sensor_id="0" label="F"><transform>1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1'
+        f"</transform><rolling_shutter><rotation>{numbers(rotation)}</rotation>"
+        "<location>0.04 -0.025 0.012</location></rolling_shutter></camera>"
+    )
+    path = tmp_path / "cameras.xml"
+    path.write_text(
+        '<?xml version="1.0"?>\n<document version="1.4.0">\n<chunk><sensors><sensor id="0" '
+        'label="c" type="frame"><resolution width="1000" height="600"/><calibration type="frame" '
+        'class="adjusted"><f>700</f><cx>-100</cx><cy>0</cy></calibration></sensor></sensors>\n'
+        f"<cameras>{camera}</cameras></chunk>\n</document>\n",
+        encoding="utf-8",
+    )
+    network = fga.read(path, rolling_shutter="half readout")
+    network.set_unknown(
+        "photo_motion", "F", network.of_kind("photo_motion")["F"].values, fixed=True
+    )
+    network.photos["F"] = replace(network.photos["F"], fixed=(True,) * 6)
+    network.add_point("P", (0.25, -0.1, 1.0), fixed="xyz")
+    at = (581.4944620108606, 226.09080567129956)
+    network.add_image_points("F", ["P"], [(at[0], -at[1])], sigma=1.0)
+    equations = compile_network(network)
+    v = equations.residuals(equations.unknowns.start())
+    np.testing.assert_allclose(v, 0.0, atol=1e-5)  # that library iterates the row
+
+
+def test_motions_of_metashape_need_an_option_that_says_what_they_are(
+    flight: fga.Network, true: Motion, tmp_path: Path
+) -> None:
+    path = metashape(flight, tmp_path, true)
+    with pytest.raises(InputError) as caught:
+        fga.read(path)
+    (problem,) = caught.value.problems
+    for part in (
+        "photo 'F0' moves during the readout of a rolling shutter (photos that move: 8)",
+        "Metashape does not state of which part of the readout",
+        "valid: rolling_shutter='estimate'",
+    ):
+        assert part in str(problem)
+
+
+@pytest.mark.parametrize(
+    ("moved", "message"),
+    [
+        ("<rotation>1 0 0 0 1 0 0 0</rotation>", "<rotation>"),
+        ("<rotation>2 0 0 0 2 0 0 0 2</rotation>", "is no rotation"),
+        ("<location>1 2 x</location>", "<location>"),
+        ("<speed>1</speed>", "unknown element <speed>"),
+    ],
+)
+def test_motions_that_are_none_are_refused(
+    moved: str, message: str, flight: fga.Network, true: Motion, tmp_path: Path
+) -> None:
+    path = metashape(flight, tmp_path, true)
+    with zipfile.ZipFile(path) as archive:
+        text = archive.read("doc.xml").decode()
+    begin = text.index("<rolling_shutter>") + len("<rolling_shutter>")
+    end = text.index("</rolling_shutter>")
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("doc.xml", text[:begin] + moved + text[end:])
+    with pytest.raises(InputError, match=message):
+        fga.read(path, rolling_shutter="estimate")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"rolling_shutter": "guess"}, "unknown rolling_shutter 'guess'; valid: refuse"),
+        ({"readout": 0.0}, "readout must be greater than zero, not 0"),
+        ({"readout_towards": "back"}, "unknown readout_towards 'back'"),
+        ({"sigma_shift": float("nan")}, "sigma_shift must be greater than zero"),
+        ({"sigma_turn": -1.0}, "sigma_turn must be greater than zero"),
+    ],
+)
+def test_options_that_are_none_are_refused(
+    options: dict[str, Any], message: str, flight: fga.Network, tmp_path: Path
+) -> None:
+    path = opf(flight, tmp_path, None)
+    with pytest.raises(InputError, match=message):
+        read_opf(path, **options)
+
+
+def test_a_sensor_with_a_rolling_shutter_and_no_motions_is_remarked(
+    flight: fga.Network, tmp_path: Path
+) -> None:
+    network = fga.read(metashape(flight, tmp_path, None))
+    assert network.cameras["camera"].readout is None
+    assert any("rolling shutter whose photos have no motion: camera" in r for r in network.remarks)
+
+
+def test_the_readout_may_proceed_to_another_side(
+    flight: fga.Network, true: Motion, tmp_path: Path
+) -> None:
+    """A sensor that is read upwards moves the other way: the same image points and start."""
+    path = opf(flight, tmp_path, true)
+    network = fga.read(path, readout=READOUT, readout_towards="up", rolling_shutter="estimate")
+    down = fga.adjust(fga.read(path, readout=READOUT, rolling_shutter="estimate"))
+    up = fga.adjust(network)
+    for photo in flight.photos:
+        a, b = motion_of(down, photo)[0], motion_of(up, photo)[0]
+        np.testing.assert_allclose(a, -b, atol=1e-6)
