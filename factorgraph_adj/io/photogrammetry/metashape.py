@@ -319,7 +319,6 @@ def read_metashape(
     motions = ShutterMotions(options, network, problems, UNSAID)
     sensors = add_sensors(context, network, calibration, motions)
     cameras = add_cameras(context, network, sensors, motions, unaligned=unaligned == "keep")
-    motions.finish()
     markers = add_markers(context, network)
     images = ImagePoints(problems)
     gather_locations(context, images, cameras, markers)
@@ -334,6 +333,7 @@ def read_metashape(
     add_scale_bars(context, network, markers)
     if not (network.photos or network.points or problems.count):
         problems.wrong("the chunk has no aligned camera and no marker", source.chunk.file)
+    motions.finish()
     problems.finish(network)
     kinds = {o.kind for o in network.observations.values()}
     if not kinds & {ControlPoint.kind, PhotoPosition.kind}:

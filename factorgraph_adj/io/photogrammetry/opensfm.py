@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Set
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from ...errors import InputError
+from ...errors import InputError, Problem
 from ...frames import Frame, LocalFrame, TopocentricFrame
+from ...models.rolling_shutter import Towards
 from ...network.network import Network
 from ...observations import ControlPoint, PhotoPosition
 from ...rotation import exp_rotation
@@ -35,11 +37,18 @@ from .opensfm_elements import (
     read_gcp_list,
     read_opensfm_camera,
 )
+from .rolling_shutters import ShutterMotions, ShutterOptions
 
 TRACKS_HEAD = "OPENSFM_TRACKS_VERSION_v"
 """Beginning of the first line of tracks.csv."""
 GROUND_CONTROL_FILES = ("gcp_list.txt", "ground_control_points.json")
 """Files of ground control beside a reconstruction."""
+CORRECTED_FILE = "rs_done.txt"
+"""File that ODM leaves where it has corrected image points for a rolling shutter."""
+CORRECTED = (
+    f"image points of tracks.csv are corrected by ODM for a rolling shutter ({CORRECTED_FILE}): "
+    "they are those of photos that stand still"
+)
 OTHER_RECONSTRUCTION = LeftOutReason(
     "reconstructions", "one is read at a time: reconstruction=… chooses"
 )
@@ -60,6 +69,11 @@ def read_opensfm(
     positions: str | Path | None = None,
     sigma_positions: tuple[float, float] | None = None,
     positions_system: str | None = None,
+    rolling_shutter: Literal["leave out", "estimate"] = "leave out",
+    readout: float | None = None,
+    readout_towards: Towards = "down",
+    sigma_shift: float = 1.0,
+    sigma_turn: float | None = None,
 ) -> Network:
     """Read a reconstruction of OpenSfM or ODM with its tracks and ground control.
 
@@ -75,6 +89,11 @@ def read_opensfm(
     OpenSfM has no standard deviations of its own in these files. Those of ground control are its
     defaults (gcp_horizontal_sd, gcp_vertical_sd); those of image points are options. Colours,
     meshes, sizes of features, compass and capture times are not read.
+
+    ODM may correct image points for a rolling shutter (``--rolling-shutter``), with the readout
+    time and the speeds that it puts into ``exif/PHOTO.exif``: it moves the image points of
+    tracks.csv and leaves ``rs_done.txt``. Such image points are those of photos that stand still,
+    and a remark says so; others may get motions with ``rolling_shutter="estimate"``.
 
     Args:
         path: reconstruction.json, or the folder that has it.
@@ -92,6 +111,13 @@ def read_opensfm(
         sigma_positions: standard deviations of positions without accuracies, horizontal and
             vertical, metres.
         positions_system: reference system of a table of positions that states none.
+        rolling_shutter: "estimate" gives the photos of all cameras an unknown motion during the
+            readout, zero at the start.
+        readout: readout time of the whole sensor, seconds; None: that which ODM put into the exif
+            files of the photos, otherwise unknown: motions are those of the whole readout (1 s).
+        readout_towards: side of the image to which the readout proceeds.
+        sigma_shift: standard deviation of the shift during the readout, metres.
+        sigma_turn: standard deviation of the turn during the readout, radians; None: no turn.
 
     Raises:
         InputError: a file is missing or has problems, each with file and line.
@@ -101,6 +127,7 @@ def read_opensfm(
     for name, value in (("sigma_px", sigma_px), ("sigma_gcp_px", sigma_gcp_px)):
         if not value > 0:
             raise InputError(f"{name} must be greater than zero, not {value}")
+    options = ShutterOptions(rolling_shutter, readout, readout_towards, sigma_shift, sigma_turn)
     problems = Problems()
     every = parse_json(read_text(source), source.name)
     root = _chosen_reconstruction(every, reconstruction)
@@ -111,8 +138,16 @@ def read_opensfm(
             elsewhere |= set(other.need("shots").members())
     frame = _frame(root, source.parent)
     network = Network(source.parent.name or source.stem, frame=frame)
-    cameras = _cameras(network, root, problems, calibration == "optimised")
+    if (source.parent / CORRECTED_FILE).exists():
+        _refuse_second_correction(options)
+        problems.remarks.append(CORRECTED)
+    elif options.models_motions and readout is None:
+        options = replace(options, readout=_exif_readout(root, source.parent))
+    motions = ShutterMotions(options, network, problems)
+    cameras = _cameras(network, root, problems, calibration == "optimised", options)
     _shots(network, root, problems, cameras, gps == "observe")
+    for photo in network.photos:
+        motions.estimate(photo)
     _points(network, root, problems)
     images = ImagePoints(problems)
     beside = source.parent / "tracks.csv"
@@ -138,6 +173,7 @@ def read_opensfm(
             problems.wrong(what, Path(positions).name)
     _without_rays(network, images)
     images.into(network)
+    motions.finish()
     problems.finish(network)
     if not network.observations:
         network.datum = "free"
@@ -179,8 +215,39 @@ def _frame(root: JsonNode, folder: Path) -> Frame:
     return TopocentricFrame(np.deg2rad(latitude), np.deg2rad(longitude), height, "WGS84")
 
 
+def _refuse_second_correction(options: ShutterOptions) -> None:
+    """Refuse motions of photos whose image points are corrected for them.
+
+    Raises:
+        InputError: motions are asked for.
+    """
+    if options.models_motions:
+        what = "image points of tracks.csv are corrected for the rolling shutter, a motion would "
+        what += "correct them twice; valid: rolling_shutter='leave out'"
+        raise InputError(Problem(what, CORRECTED_FILE))
+
+
+def _exif_readout(root: JsonNode, folder: Path) -> float | None:
+    """Return the readout time that ODM put into the exif files of the photos, seconds.
+
+    Raises:
+        InputError: photos have different readout times.
+    """
+    found: dict[float, str] = {}
+    for shot in root.need("shots").members():
+        path = folder / "exif" / f"{shot}.exif"
+        if path.exists():
+            node = parse_json(read_text(path), path.name).get("rolling_shutter")
+            if node is not None:
+                found.setdefault(node.number(above=0.0), node.where)
+    if len(found) > 1:
+        times = ", ".join(f"{ms:g} ms ({where})" for ms, where in found.items())
+        raise InputError(f"photos have different readout times: {times}; state readout=…")
+    return next((ms / 1000.0 for ms in found), None)
+
+
 def _cameras(
-    network: Network, root: JsonNode, problems: Problems, free: bool
+    network: Network, root: JsonNode, problems: Problems, free: bool, options: ShutterOptions
 ) -> dict[str, SfmCamera]:
     out: dict[str, SfmCamera] = {}
     for name, node in root.need("cameras").items():
@@ -194,6 +261,7 @@ def _cameras(
                 camera.values,
                 size=camera.size,
                 free=camera.estimated if free else (),
+                readout=options.camera,
             )
     return out
 

@@ -115,7 +115,6 @@ def read_opf(
         project, network, problems, calibration == "optimised", rigs == "apart", motions
     )
     photos.add()
-    motions.finish()
     if positions == "observe":
         _positions(project, network, problems, photos.names)
     images = ImagePoints(problems)
@@ -124,6 +123,7 @@ def read_opf(
     if tie_points:
         _ties(project, network, problems, images, photos.names, sigma_px)
     images.into(network)
+    motions.finish()
     problems.finish(network)
     kinds = {o.kind for o in network.observations.values()}
     if not kinds & {ControlPoint.kind, PhotoPosition.kind}:

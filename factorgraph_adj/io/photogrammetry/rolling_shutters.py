@@ -8,7 +8,8 @@ that of the middle row, see `models.rolling_shutter`.
 
 A motion that is read or estimated is a weighted unknown: the shift of the whole readout about that
 of the file, or about zero, with a standard deviation that is larger than drones move, so that it
-decides only what image points do not tell. Turns are held unless they have a standard deviation.
+decides only what image points do not tell; in a network without control and positions it is free.
+Turns are held unless they have a standard deviation.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ import numpy as np
 from ...errors import InputError, known
 from ...models.rolling_shutter import TOWARDS, Towards
 from ...network.network import Network
+from ...observations import ControlPoint, PhotoPosition
 from ...types import Array
 from ..source import LeftOutReason, Problems
 
@@ -35,8 +37,8 @@ READOUT_PARTS = {"half readout": 2.0, "whole readout": 1.0}
 MOTIONS_LEFT_OUT = LeftOutReason(
     "motions of photos during the readout", "rolling_shutter='leave out' keeps the poses alone"
 )
-TURNS = ("rx_t", "ry_t", "rz_t")
-"""Names of the turns among the components of a motion."""
+SHIFTS, TURNS = ("x_t", "y_t", "z_t"), ("rx_t", "ry_t", "rz_t")
+"""Names of the components of a motion."""
 
 
 @dataclass(frozen=True)
@@ -97,12 +99,12 @@ class ShutterMotions:
     """Network of the photos."""
     problems: Problems
     """Where problems go."""
-    unsaid: str
+    unsaid: str = ""
     """What the format does not say about its motions."""
     stated: list[tuple[str, str]] = field(default_factory=list)
     """Photos of which the file states a motion, and their places."""
-    modelled: int = 0
-    """Number of photos that have got a motion."""
+    modelled: dict[str, Array] = field(default_factory=dict)
+    """Shift and turn of the whole readout, (6,), of the photos that get a motion."""
     read_by_row: list[str] = field(default_factory=list)
     """Cameras of which the file says that they have a rolling shutter."""
 
@@ -120,28 +122,32 @@ class ShutterMotions:
             self.problems.leave_out(MOTIONS_LEFT_OUT, photo, where)
         part = READOUT_PARTS.get(self.options.choice)
         if part is not None:
-            self._state(photo, part * np.concatenate([shift, turn]))
+            self.modelled[photo] = part * np.concatenate([shift, turn])
 
     def estimate(self, photo: str) -> None:
         """Let the adjustment find the motion of a photo if that is asked for."""
         if self.options.choice == "estimate":
-            self._state(photo, np.zeros(6))
+            self.modelled[photo] = np.zeros(6)
 
-    def _state(self, photo: str, whole: Array) -> None:
-        """State the motion of the whole readout, shift and turn (6,)."""
+    def finish(self) -> None:
+        """State the unknowns; refuse motions of which the meaning is not stated; remark the rest.
+
+        To be called when the network has all its observations: without one of positions its scale
+        is free, and a weight on velocities would shrink it.
+        """
         options, seconds = self.options, self.options.seconds
-        deviations = dict.fromkeys(("x_t", "y_t", "z_t"), options.sigma_shift / seconds)
+        kinds = {o.kind for o in self.network.observations.values()}
+        positioned = bool(kinds & {ControlPoint.kind, PhotoPosition.kind})
+        deviations = {}
+        if positioned:
+            deviations |= dict.fromkeys(SHIFTS, options.sigma_shift / seconds)
         if options.sigma_turn is not None:
             deviations |= dict.fromkeys(TURNS, options.sigma_turn / seconds)
         held = TURNS if options.sigma_turn is None else ()
-        self.network.set_unknown(
-            "photo_motion", photo, (whole / seconds).tolist(), fixed=held, sigma=deviations
-        )
-        self.modelled += 1
-
-    def finish(self) -> None:
-        """Refuse motions of which the meaning is not stated; remark what was assumed."""
-        options = self.options
+        for photo, whole in self.modelled.items():
+            self.network.set_unknown(
+                "photo_motion", photo, (whole / seconds).tolist(), fixed=held, sigma=deviations
+            )
         if self.stated and options.choice == "refuse":
             photo, where = self.stated[0]
             what = (
@@ -159,13 +165,13 @@ class ShutterMotions:
                 "rolling_shutter='estimate' lets the adjustment find it"
             )
         if self.modelled:
-            about = (
-                "zero" if options.choice == "estimate" else f"that of the file ({options.choice})"
-            )
+            zero = options.choice == "estimate"
+            begins = "zero" if zero else f"that of the file ({options.choice})"
+            weight = f" ± {options.sigma_shift:g} m" if positioned else ", free as the network is"
             turned = "held" if options.sigma_turn is None else f"± {options.sigma_turn:g} rad"
             said = (
-                f"photos that move during the readout: {self.modelled}; shift of the readout: "
-                f"{about} ± {options.sigma_shift:g} m, turn: {turned}"
+                f"photos that move during the readout: {len(self.modelled)}; shift of the "
+                f"readout: {begins}{weight}, turn: {turned}"
             )
             if options.readout is None:
                 said += "; its time is unknown: motions are those of the whole readout (1 s)"

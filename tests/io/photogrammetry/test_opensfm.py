@@ -282,3 +282,74 @@ def test_wrong_ground_control_is_refused(folder: Path, line: str, message: str) 
     path.write_text("\n".join(rows))
     with pytest.raises(InputError, match=message):
         fga.read(folder / "reconstruction.json")
+
+
+# -- rolling shutter ------------------------------------------------------------------------------
+
+READOUT_MS, SPEED = 33.0, np.array([8.0, -3.0, 1.0])
+
+
+def roll(folder: Path) -> None:
+    """Write image points of photos that move, as ODM's rs_correct takes them to be.
+
+    The centre is that of the photo + speed × readout × (row − H/2)/H.
+    """
+    rng = np.random.default_rng(3)
+    grid = np.linspace(-14.0, 28.0, 7)
+    points = np.array([(x, y, rng.uniform(0.0, 15.0)) for x in grid for y in grid])
+    document = json.loads((folder / "reconstruction.json").read_text())
+    document[0]["points"] = {
+        str(i): {"coordinates": p.tolist(), "color": [1, 2, 3]} for i, p in enumerate(points)
+    }
+    (folder / "reconstruction.json").write_text(json.dumps(document))
+    (folder / "gcp_list.txt").unlink()
+    rows = ["OPENSFM_TRACKS_VERSION_v2"]
+    for i in range(4):
+        xy = normalised(i, points)
+        for _ in range(20):
+            shift = SPEED * READOUT_MS / 1000.0 * (xy[:, 1:] * W) / H
+            xy = np.concatenate([normalised(i, p[None]) for p in points - shift])
+        for j, (x, y) in enumerate((xy + rng.normal(0, 0.1 / W, xy.shape)).tolist()):
+            rows.append(f"{i}.jpg\t{j}\t{j}\t{x!r}\t{y!r}\t0.001\t1\t2\t3\t-1\t-1")
+        (folder / "exif").mkdir(exist_ok=True)
+        exif = {"make": "x", "speed": SPEED.tolist(), "rolling_shutter": READOUT_MS}
+        (folder / "exif" / f"{i}.jpg.exif").write_text(json.dumps(exif))
+    (folder / "tracks.csv").write_text("\n".join(rows) + "\n")
+
+
+def test_motions_of_the_kind_that_odm_corrects_are_found(folder: Path) -> None:
+    """With the readout time of the exif files; without motions the photos do not fit."""
+    roll(folder)
+    options = {"sigma_px": 0.1, "calibration": "held"}
+    network = fga.read(folder / "reconstruction.json", rolling_shutter="estimate", **options)
+    assert network.cameras["cam"].readout == pytest.approx(READOUT_MS / 1000.0, rel=1e-15)
+    solution = fga.adjust(network)
+    assert solution.converged and solution.sigma0 == pytest.approx(1.0, abs=0.15)
+    errors = []
+    for photo in network.photos:
+        found = solution.unknown("photo_motion", photo)
+        errors.append((np.array(found.values) - (*SPEED, 0, 0, 0))[:3] / np.array(found.sigmas)[:3])
+        assert max(found.sigmas[:2]) < 2.0
+    assert np.abs(errors).max() < 4.0
+    assert fga.adjust(fga.read(folder / "reconstruction.json", **options)).sigma0 > 3.0
+
+
+def test_image_points_that_odm_has_corrected_get_no_motion(folder: Path) -> None:
+    (folder / "rs_done.txt").write_text("Done!\n")
+    assert any(
+        "corrected by ODM for a rolling" in r
+        for r in fga.read(folder / "reconstruction.json").remarks
+    )
+    with pytest.raises(InputError, match=r"rs_done\.txt: image points of tracks.csv are corrected"):
+        fga.read(folder / "reconstruction.json", rolling_shutter="estimate", readout=0.033)
+
+
+def test_photos_of_different_readout_times_need_one_that_is_stated(folder: Path) -> None:
+    roll(folder)
+    path = folder / "exif" / "2.jpg.exif"
+    path.write_text(json.dumps({"rolling_shutter": 25}))
+    with pytest.raises(InputError, match=r"different readout times: 33 ms .*, 25 ms .*readout="):
+        fga.read(folder / "reconstruction.json", rolling_shutter="estimate")
+    assert fga.read(
+        folder / "reconstruction.json", rolling_shutter="estimate", readout=0.025
+    ).of_kind("photo_motion")
