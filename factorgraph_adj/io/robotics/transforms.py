@@ -5,14 +5,21 @@ these are photogrammetric axes. Cameras are those of OpenCV in pixels from the u
 ``camera_angle_x`` is the angle of the whole width, f = w/2 / tan(angle/2). nerfstudio turns the
 world by ``applied_transform`` and multiplies it by ``applied_scale``, which the reader undoes.
 
+Rolling shutters are stated in two ways. instant-ngp: ``rolling_shutter`` [A, B, C, D], by which a
+pixel u, v (0 to 1) has the time A + B u + C v between the poses ``transform_matrix_start`` and
+``…_end``; here the readout takes 1 s, and the motion is that of the whole readout. Spectacular AI's
+branch of nerfstudio: ``rolling_shutter_time`` T in seconds, ``camera_linear_velocity`` and
+``camera_angular_velocity`` in the axes of ``transform_matrix``, a row y is read at T (y/h − 1/2).
+
 Sources: nerfstudio's data conventions, instant-ngp's ``scripts/colmap2nerf.py`` and
-``src/nerf_loader.cu``.
+``src/nerf_loader.cu``; Spectacular AI's 3dgs-deblur, and ``forward.cu`` of its gsplat.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -22,22 +29,28 @@ from ...errors import InputError
 from ...models.lens import Lens
 from ...models.normalised_lens import AffineNormalisedLens
 from ...models.ray_lens import FisheyeLens
+from ...models.rolling_shutter import Towards
 from ...network.network import Network
-from ...rotation import TURN_ABOUT_X
+from ...rotation import TURN_ABOUT_X, exp_rotation, log_rotation
 from ...types import Array
 from ..format_reader import NetworkReader, Reader
 from ..json_files import JsonNode, parse_json
 from ..photogrammetry.block_source import add_pixel_camera, rotation_and_scale
-from ..source import Problems
+from ..source import LeftOutReason, Problems
 from ..text_files import file_beginning, read_text
 
 CAMERA_MODELS = ("SIMPLE_PINHOLE", "PINHOLE", "OPENCV", "OPENCV_FISHEYE")
 """Camera models that are read; without a name it is OPENCV."""
 INTRINSIC_KEYS = (
     *("camera_model", "fl_x", "fl_y", "cx", "cy", "w", "h", "k1", "k2", "k3", "k4", "p1", "p2"),
-    *("camera_angle_x", "camera_angle_y"),
+    *("camera_angle_x", "camera_angle_y", "rolling_shutter", "rolling_shutter_time"),
 )
 """Keys of a camera, of the document or of a frame."""
+VELOCITIES = ("camera_linear_velocity", "camera_angular_velocity")
+"""Keys of the motion of a photo."""
+VELOCITIES_WITHOUT_TIME = LeftOutReason(
+    "velocities of photos", "the file has no readout time: their photos stand still"
+)
 
 
 def is_transforms_json(path: Path) -> bool:
@@ -54,8 +67,9 @@ def read_transforms_json(
 
     The file has no points and no observations: the poses are start values, or known orientations.
     Photos are named by ``file_path``. Frames with intrinsics of their own have a camera of their
-    own. Not read: sharpness, masks, depth files, ``aabb_scale``, ``scale``, ``offset``,
-    ``ply_file_path``. Tried on instant-ngp's fox and nerfstudio's test data.
+    own. Motions of a rolling shutter are start values, too. Not read: sharpness, masks, depth
+    files, ``aabb_scale``, ``scale``, ``offset``, ``ply_file_path``, ``exposure_time``. Tried on
+    instant-ngp's fox and nerfstudio's test data, which have no motions.
 
     Args:
         path: the file.
@@ -64,8 +78,8 @@ def read_transforms_json(
 
     Raises:
         InputError: the file has problems, each with file and line: other camera models
-            (EQUIRECTANGULAR), rolling shutters, matrices that are no rotation and shift, sizes and
-            focal lengths that are missing.
+            (EQUIRECTANGULAR), times of pixels that depend on u and v or on motion blur, matrices
+            that are no rotation and shift, sizes and focal lengths that are missing.
     """
     if size is not None and (len(size) != 2 or not all(v > 0 for v in size)):
         raise InputError(f"size must be two numbers > 0, not {size}")
@@ -86,14 +100,17 @@ def read_transforms_json(
             if own or not made:
                 _camera(network, camera, frame if own else root, {**shared, **own}, size, free)
                 made = made or not own
-            shutter = frame.get("rolling_shutter")
-            if shutter is not None and any(shutter.numbers(4)[1:]):
-                raise shutter.fail("is a rolling shutter, which is not read")
-            rotation, place = _pose(frame.need("transform_matrix"))
-            rotation, place = undo[:, :3] @ rotation, undo[:, :3] @ (place / scale) + undo[:, 3]
+            moving = _moving_pose(frame, {**shared, **own}, problems)
+            rotation, place = undo[:, :3] @ moving.rotation, undo[:, :3] @ (moving.place / scale)
             network.add_photo(
-                name, camera, position=place.tolist(), rotation=rotation @ TURN_ABOUT_X
+                name,
+                camera,
+                position=(place + undo[:, 3]).tolist(),
+                rotation=rotation @ TURN_ABOUT_X,
             )
+            velocity, turn = undo[:, :3] @ (moving.velocity / scale), TURN_ABOUT_X.T @ moving.turn
+            if velocity.any() or turn.any():
+                network.set_unknown("photo_motion", name, [*velocity.tolist(), *turn.tolist()])
     problems.remarks.append("the file has no observations: its poses are start values")
     problems.finish(network)
     return network
@@ -125,6 +142,61 @@ def _pose(node: JsonNode) -> tuple[Array, Array]:
     if found is None or abs(found[1] - 1.0) > 1e-3:
         raise node.fail(f"{node.title} is no rotation and shift")
     return found[0], rows[:3, 3]
+
+
+@dataclass(frozen=True)
+class _MovingPose:
+    """Pose of the middle row of a photo, and its motion during the readout."""
+
+    rotation: Array
+    """Rotation (3, 3) from the axes of the camera, y up, to those of the file's world."""
+    place: Array
+    """Projection centre (3,), world of the file."""
+    velocity: Array = field(default_factory=lambda: np.zeros(3))
+    """Velocity (3,), world of the file."""
+    turn: Array = field(default_factory=lambda: np.zeros(3))
+    """Turn about the axes of the camera, y up, (3,) radians per second."""
+
+
+def _moving_pose(frame: JsonNode, given: Mapping[str, JsonNode], problems: Problems) -> _MovingPose:
+    """Return pose and motion of a frame."""
+    rotation, place = _pose(frame.need("transform_matrix"))
+    stated = [frame.get(key) for key in VELOCITIES]
+    ends = [frame.get(f"transform_matrix_{end}") for end in ("start", "end")]
+    node = given.get("rolling_shutter")
+    readout = _readout(given)
+    if node is not None and readout is not None and any(end is not None for end in ends):
+        first, *rates = node.numbers(4)[:3]
+        rate = sum(rates)  # one of them is zero
+        (r0, c0), (r1, c1) = ((rotation, place) if end is None else _pose(end) for end in ends)
+        turn, middle = log_rotation((r0.T @ r1)[None])[0], first + rate / 2
+        turned = r0 @ exp_rotation(middle * turn[None])[0]
+        return _MovingPose(turned, c0 + middle * (c1 - c0), rate * (c1 - c0), rate * turn)
+    if "rolling_shutter_time" in given and readout is not None:
+        v, w = (np.zeros(3) if n is None else np.array(n.numbers(3)) for n in stated)
+        return _MovingPose(rotation, place, rotation @ v, w)
+    if any(n is not None for n in stated):
+        problems.leave_out(VELOCITIES_WITHOUT_TIME, frame.need("file_path").text(), frame.where)
+    return _MovingPose(rotation, place)
+
+
+def _readout(given: Mapping[str, JsonNode]) -> tuple[float, Towards] | None:
+    """Return the readout time of a camera and the side to which it proceeds; None without one.
+
+    Raises:
+        InputError: times of pixels that no rolling shutter has.
+    """
+    if "rolling_shutter_time" in given:
+        seconds = given["rolling_shutter_time"].number(least=0.0)
+        return (seconds, "down") if seconds else None
+    node = given.get("rolling_shutter")
+    if node is None:
+        return None
+    _, b, c, d = node.numbers(4)
+    if d or (b and c):
+        what = "has times of pixels that depend on u and v, or on the motion blur"
+        raise node.fail(f"{node.title} {what}; valid: [A, B, 0, 0] or [A, 0, C, 0]")
+    return (1.0, "right" if b else "down") if b or c else None
 
 
 def _camera(
@@ -174,7 +246,15 @@ def _camera(
     else:
         lens, values = AffineNormalisedLens(), {**values, "b1": fx - fy}
         unknown = ("c", "x0", "y0", *(("b1",) if model == "PINHOLE" else ()))
-    add_pixel_camera(network, name, lens, values, size=(w, h), free=unknown if free else ())
+    add_pixel_camera(
+        network,
+        name,
+        lens,
+        values,
+        size=(w, h),
+        free=unknown if free else (),
+        readout=_readout(given),
+    )
 
 
 def _focal_length(angle: JsonNode, extent: float) -> float:

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
+from factorgraph_adj.graph.equations import compile_network
 from tests.hostile.examples import Example
 from tests.networks.pixel_block import projected
 
@@ -122,9 +123,93 @@ def test_an_angle_gives_the_focal_length_and_a_frame_may_have_its_own_camera(
         ({"applied_transform": [[2, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]}, "no rotation and shi"),
         ({"frames": [{"file_path": "a"}]}, "has no 'transform_matrix'"),
         ({"frames": document()["frames"][:1] * 2}, "images/0.jpg"),
-        ({"frames": [document()["frames"][0] | {"rolling_shutter": [0, 0, 1, 0]}]}, "rolling shu"),
+        (
+            {"rolling_shutter": [0, 0, 1, 1]},
+            r"transforms\.json:\d+: rolling_shutter .* motion blur",
+        ),
+        ({"rolling_shutter": [0, 1, 1, 0]}, r"valid: \[A, B, 0, 0\] or \[A, 0, C, 0\]"),
+        ({"rolling_shutter_time": -0.1}, "rolling_shutter_time"),
     ],
 )
 def test_files_that_are_wrong(tmp_path: Path, changes: dict, message: str) -> None:
     with pytest.raises(InputError, match=message):
         fga.read(write(tmp_path, document(**changes)), format="transforms")
+
+
+# -- rolling shutter ------------------------------------------------------------------------------
+
+READOUT, VELOCITY, TURN = 0.02, np.array([2.0, -1.0, 0.5]), np.array([0.3, -0.2, 0.6])
+"""Readout time, velocity and turn in the axes of the camera, y up: m/s and rad/s."""
+
+
+def moved(i: int, t: float) -> tuple[Rotation, np.ndarray]:
+    """Return the pose of photo i at the time t from its middle row."""
+    pose = Rotation.from_rotvec(TURNS[i])
+    return pose * Rotation.from_rotvec(TURN * t), PLACES[i] + pose.apply(VELOCITY) * t
+
+
+def rolling_image(i: int, point: np.ndarray, time_of: Any) -> np.ndarray:
+    """Return column and row of a point whose pose is that of the time of its pixel."""
+    at = np.array([320.0, 240.0])
+    for _ in range(60):
+        turned, place = moved(i, time_of(at / (640.0, 480.0)))
+        still = Rotation.from_rotvec(TURNS[i]).apply(turned.inv().apply(point - place)) + PLACES[i]
+        at = image(i, still)
+    return at
+
+
+def assert_images(network: fga.Network, time_of: Any) -> None:
+    """Compare the images of a point at the poses and motions of a network."""
+    network.add_point("P", POINT.tolist())
+    expected = []
+    for i, photo in enumerate(network.photos):
+        column, row = rolling_image(i, POINT, time_of)
+        network.add_image_points(photo, ["P"], [(column, -row)], sigma=1.0)
+        expected.append((column, row))
+    equations = compile_network(network)
+    v = equations.residuals(equations.unknowns.start())
+    np.testing.assert_allclose(v, 0.0, atol=1e-8)
+    stills = [image(i, POINT) for i in range(2)]
+    assert np.abs(np.subtract(expected, stills)).max() > 0.5
+
+
+def test_velocities_are_those_of_the_camera_at_the_middle_row(tmp_path: Path) -> None:
+    """Spectacular AI: a row y is read at T (y/h − 1/2); world and velocities may be scaled."""
+    content = document(rolling_shutter_time=READOUT, applied_scale=2.0)
+    for frame in content["frames"]:
+        matrix = np.array(frame["transform_matrix"])
+        matrix[:3, 3] *= 2.0
+        frame |= {
+            "transform_matrix": matrix.tolist(),
+            "camera_linear_velocity": (2.0 * VELOCITY).tolist(),
+            "camera_angular_velocity": TURN.tolist(),
+        }
+    network = fga.read(write(tmp_path, content))
+    assert network.cameras["camera"].readout == READOUT
+    assert_images(network, lambda uv: READOUT * (uv[1] - 0.5))
+
+
+@pytest.mark.parametrize(("times", "axis"), [([0.1, 0.0, 0.7, 0.0], 1), ([0.9, -0.6, 0.0, 0.0], 0)])
+def test_times_of_pixels_are_between_two_poses(
+    tmp_path: Path, times: list[float], axis: int
+) -> None:
+    """instant-ngp: A + B u + C v is the part of the way from the first to the last pose."""
+    content = document(rolling_shutter=times)
+    middle = times[0] + times[1 + axis] / 2
+    for i, frame in enumerate(content["frames"]):
+        for word, part in (("start", 0.0), ("end", 1.0)):
+            matrix = np.eye(4)
+            turned, place = moved(i, READOUT * (part - middle))
+            matrix[:3, :3], matrix[:3, 3] = turned.as_matrix(), place
+            frame[f"transform_matrix_{word}"] = matrix.tolist()
+    network = fga.read(write(tmp_path, content))
+    assert network.cameras["camera"].readout_towards == ("right", "down")[axis]
+    assert_images(network, lambda uv: READOUT * (times[0] + times[1 + axis] * uv[axis] - middle))
+
+
+def test_velocities_without_a_readout_time_are_left_out(tmp_path: Path) -> None:
+    content = document()
+    content["frames"][0]["camera_linear_velocity"] = VELOCITY.tolist()
+    network = fga.read(write(tmp_path, content))
+    assert [(e.what, e.count) for e in network.left_out] == [("velocities of photos", 1)]
+    assert not network.of_kind("photo_motion")
