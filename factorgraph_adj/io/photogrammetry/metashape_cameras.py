@@ -40,7 +40,7 @@ from .block_source import (
     rotation_and_scale,
 )
 from .metashape_reference import ChunkContext, chunk_cameras, is_disabled, listed_elements
-from .rolling_shutters import ShutterMotions, ShutterOptions
+from .rolling_shutters import ShutterMotions
 
 CURRENT_PARAMETERS = ("f", "cx", "cy", "b1", "b2", "k1", "k2", "k3", "k4", "p1", "p2", "p3", "p4")
 OLD_PARAMETERS = ("fx", "fy", "cx", "cy", "skew", "k1", "k2", "k3", "k4", "p1", "p2", "p3", "p4")
@@ -194,7 +194,6 @@ def add_sensors(
     """Add the sensors that cameras use; return their names by their ids."""
     chunk, problems = context.source.chunk, context.problems
     out: dict[str, str] = {}
-    rolling = _rolling_sensors(context, motions.options)
     used = {c.attributes.get("sensor_id", "") for c in chunk_cameras(chunk.element)}
     for sensor in listed_elements(chunk.element, "sensors", "sensor"):
         ident, where = sensor.attributes.get("id", ""), chunk.where(sensor)
@@ -219,7 +218,6 @@ def add_sensors(
                 found.values,
                 size=found.size,
                 free=found.free,
-                readout=motions.options.camera if ident in rolling else None,
             )
     return out
 
@@ -230,21 +228,6 @@ def _has_rolling_shutter(sensor: Element) -> bool:
         p.attributes.get("name") == "rolling_shutter" and p.attributes.get("value") in ("true", "1")
         for p in sensor.all("property")
     )
-
-
-def _rolling_sensors(context: ChunkContext, options: ShutterOptions) -> set[str]:
-    """Return the ids of the sensors whose photos may move during the readout."""
-    chunk = context.source.chunk.element
-    moving = {
-        c.attributes.get("sensor_id", "")
-        for c in chunk_cameras(chunk)
-        if (shutter := c.first("rolling_shutter")) is not None and shutter.children
-    }
-    if options.choice != "estimate":
-        return moving
-    every = list(listed_elements(chunk, "sensors", "sensor"))
-    said = {s.attributes.get("id", "") for s in every if _has_rolling_shutter(s)}
-    return moving | said or {s.attributes.get("id", "") for s in every}
 
 
 def _calibration(
@@ -342,8 +325,6 @@ def add_cameras(
             out[ident] = label
             _observe_position(context, network, camera, label, where)
             _add_motion(context, camera, label, rotation, motions, where)
-            if network.cameras[sensors[sensor]].readout is not None:
-                motions.estimate(label)
     return out
 
 

@@ -144,10 +144,8 @@ def read_opensfm(
     elif options.models_motions and readout is None:
         options = replace(options, readout=_exif_readout(root, source.parent))
     motions = ShutterMotions(options, network, problems)
-    cameras = _cameras(network, root, problems, calibration == "optimised", options)
+    cameras = _cameras(network, root, problems, calibration == "optimised")
     _shots(network, root, problems, cameras, gps == "observe")
-    for photo in network.photos:
-        motions.estimate(photo)
     _points(network, root, problems)
     images = ImagePoints(problems)
     beside = source.parent / "tracks.csv"
@@ -247,7 +245,7 @@ def _exif_readout(root: JsonNode, folder: Path) -> float | None:
 
 
 def _cameras(
-    network: Network, root: JsonNode, problems: Problems, free: bool, options: ShutterOptions
+    network: Network, root: JsonNode, problems: Problems, free: bool
 ) -> dict[str, SfmCamera]:
     out: dict[str, SfmCamera] = {}
     for name, node in root.need("cameras").items():
@@ -261,7 +259,6 @@ def _cameras(
                 camera.values,
                 size=camera.size,
                 free=camera.estimated if free else (),
-                readout=options.camera,
             )
     return out
 

@@ -155,7 +155,6 @@ class _Cameras:
             n.need("id").integer(): n for n in self.project.list("calibrated-cameras", "sensors")
         }
         self.project.need("input-cameras")
-        self.rolling = self._rolling(inputs)
         for ident, node in inputs.items():
             with self.problems.collect(node.where):
                 self._sensor(ident, node, done.get(ident, node))
@@ -182,22 +181,6 @@ class _Cameras:
             if ident not in taken:
                 self.problems.leave_out(POSE_WITHOUT_CAPTURE, f"camera {ident}", node.where)
 
-    def _rolling(self, inputs: Mapping[int, JsonNode]) -> set[int]:
-        """Return the sensors whose photos may move during the readout."""
-        moving: set[int] = set()
-        for pose in self.project.list("calibrated-cameras", "cameras"):
-            shutter = pose.get("rolling_shutter")
-            if shutter is not None:
-                moving.add(pose.need("sensor_id").integer())
-        said = {
-            ident
-            for ident, node in inputs.items()
-            if (kind := node.get("shutter_type")) is not None and kind.text() == "rolling"
-        }
-        if self.motions.options.choice != "estimate":
-            return moving
-        return moving | said or set(inputs)
-
     def _sensor(self, ident: int, given: JsonNode, node: JsonNode) -> None:
         size = given.need("image_size_px").numbers(2)
         internals = node.need("internals")
@@ -219,10 +202,7 @@ class _Cameras:
             self.motions.read_by_row.append(name)
         free = OPF_PARAMETERS if self.free else ()
         sides = (size[0], size[1])
-        read_by_row = self.motions.options.camera if ident in self.rolling else None
-        add_pixel_camera(
-            self.network, name, NormalisedLens(), values, size=sides, free=free, readout=read_by_row
-        )
+        add_pixel_camera(self.network, name, NormalisedLens(), values, size=sides, free=free)
 
     def _photo(
         self, camera: JsonNode, poses: Mapping[int, JsonNode], listed: Mapping[int, str]
@@ -248,8 +228,6 @@ class _Cameras:
         self.names[ident] = name
         if shift is not None and shift.any():
             self.motions.add(name, camera.where if pose is None else pose.where, shift, np.zeros(3))
-        if sensor.integer() in self.rolling:
-            self.motions.estimate(name)
 
 
 def _positions(

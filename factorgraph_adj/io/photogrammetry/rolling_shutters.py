@@ -15,7 +15,8 @@ Turns are held unless they have a standard deviation.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
@@ -83,11 +84,6 @@ class ShutterOptions:
         """Readout time, seconds; 1 s where it is unknown: motions are those of the readout."""
         return 1.0 if self.readout is None else self.readout
 
-    @property
-    def camera(self) -> tuple[float, Towards] | None:
-        """Readout of a camera with a rolling shutter; None where photos get no motions."""
-        return (self.seconds, self.readout_towards) if self.models_motions else None
-
 
 @dataclass
 class ShutterMotions:
@@ -101,12 +97,12 @@ class ShutterMotions:
     """Where problems go."""
     unsaid: str = ""
     """What the format does not say about its motions."""
-    stated: list[tuple[str, str]] = field(default_factory=list)
-    """Photos of which the file states a motion, and their places."""
-    modelled: dict[str, Array] = field(default_factory=dict)
-    """Shift and turn of the whole readout, (6,), of the photos that get a motion."""
     read_by_row: list[str] = field(default_factory=list)
     """Cameras of which the file says that they have a rolling shutter."""
+    stated: dict[str, Array] = field(default_factory=dict)
+    """Shift and turn, (6,), of the photos of which the file states a motion."""
+    first: str = ""
+    """Place of the first of them."""
 
     def add(self, photo: str, where: str, shift: Array, turn: Array) -> None:
         """Take the motion that a file states of a photo of the network.
@@ -117,62 +113,69 @@ class ShutterMotions:
             shift: shift of the part of the readout that the file means, (3,) metres, network axes.
             turn: turn of it about the axes of the camera, x right, y down, z forward, (3,) radians.
         """
-        self.stated.append((photo, where))
+        self.first = self.first or where
+        self.stated[photo] = np.concatenate([shift, turn])
         if self.options.choice == "leave out":
             self.problems.leave_out(MOTIONS_LEFT_OUT, photo, where)
-        part = READOUT_PARTS.get(self.options.choice)
-        if part is not None:
-            self.modelled[photo] = part * np.concatenate([shift, turn])
-
-    def estimate(self, photo: str) -> None:
-        """Let the adjustment find the motion of a photo if that is asked for."""
-        if self.options.choice == "estimate":
-            self.modelled[photo] = np.zeros(6)
 
     def finish(self) -> None:
-        """State the unknowns; refuse motions of which the meaning is not stated; remark the rest.
+        """State readouts and motions; refuse those of unknown meaning; remark what was assumed.
 
         To be called when the network has all its observations: without one of positions its scale
         is free, and a weight on velocities would shrink it.
         """
-        options, seconds = self.options, self.options.seconds
-        kinds = {o.kind for o in self.network.observations.values()}
-        positioned = bool(kinds & {ControlPoint.kind, PhotoPosition.kind})
-        deviations = {}
-        if positioned:
-            deviations |= dict.fromkeys(SHIFTS, options.sigma_shift / seconds)
-        if options.sigma_turn is not None:
-            deviations |= dict.fromkeys(TURNS, options.sigma_turn / seconds)
-        held = TURNS if options.sigma_turn is None else ()
-        for photo, whole in self.modelled.items():
-            self.network.set_unknown(
-                "photo_motion", photo, (whole / seconds).tolist(), fixed=held, sigma=deviations
-            )
-        if self.stated and options.choice == "refuse":
-            photo, where = self.stated[0]
+        choice = self.options.choice
+        if self.stated and choice == "refuse":
             what = (
-                f"photo {photo!r} moves during the readout of a rolling shutter (photos that move: "
-                f"{len(self.stated)}); {self.unsaid}; valid: rolling_shutter='estimate' (the "
-                "adjustment finds the motions), 'half readout' or 'whole readout' (the motion of "
-                "the file is that from the middle row, or from the first one, to the last one), "
-                "'leave out' (photos stand still)"
+                f"photo {next(iter(self.stated))!r} moves during the readout of a rolling shutter "
+                f"(photos that move: {len(self.stated)}); {self.unsaid}; valid: "
+                "rolling_shutter='estimate' (the adjustment finds the motions), 'half readout' or "
+                "'whole readout' (the motion of the file is that from the middle row, or from the "
+                "first one, to the last one), 'leave out' (photos stand still)"
             )
-            self.problems.wrong(what, where)
-        if self.read_by_row and not self.stated and options.choice != "estimate":
+            self.problems.wrong(what, self.first)
+        if self.read_by_row and not self.stated and choice != "estimate":
             names = known(self.read_by_row)
             self.problems.remarks.append(
                 f"cameras with a rolling shutter whose photos have no motion: {names}; "
                 "rolling_shutter='estimate' lets the adjustment find it"
             )
-        if self.modelled:
-            zero = options.choice == "estimate"
-            begins = "zero" if zero else f"that of the file ({options.choice})"
-            weight = f" ± {options.sigma_shift:g} m" if positioned else ", free as the network is"
-            turned = "held" if options.sigma_turn is None else f"± {options.sigma_turn:g} rad"
-            said = (
-                f"photos that move during the readout: {len(self.modelled)}; shift of the "
-                f"readout: {begins}{weight}, turn: {turned}"
+        if choice in READOUT_PARTS:
+            self._state({p: READOUT_PARTS[choice] * m for p, m in self.stated.items()})
+        elif choice == "estimate":
+            photos = self.network.photos
+            rolling = {photos[p].camera for p in self.stated} | set(self.read_by_row)
+            self._state(
+                {n: np.zeros(6) for n, p in photos.items() if p.camera in rolling or not rolling}
             )
-            if options.readout is None:
-                said += "; its time is unknown: motions are those of the whole readout (1 s)"
-            self.problems.remarks.append(said)
+
+    def _state(self, motions: Mapping[str, Array]) -> None:
+        """State shift and turn of the whole readout, (6,) by photo, and the readout of cameras."""
+        if not motions:
+            return
+        network, options, seconds = self.network, self.options, self.options.seconds
+        for name in {network.photos[p].camera for p in motions}:
+            network.cameras[name] = replace(
+                network.cameras[name], readout=seconds, readout_towards=options.readout_towards
+            )
+        kinds = {o.kind for o in network.observations.values()}
+        positioned = bool(kinds & {ControlPoint.kind, PhotoPosition.kind})
+        deviations = dict.fromkeys(SHIFTS, options.sigma_shift / seconds) if positioned else {}
+        if options.sigma_turn is not None:
+            deviations |= dict.fromkeys(TURNS, options.sigma_turn / seconds)
+        held = TURNS if options.sigma_turn is None else ()
+        for photo, whole in motions.items():
+            network.set_unknown(
+                "photo_motion", photo, (whole / seconds).tolist(), fixed=held, sigma=deviations
+            )
+        zero = options.choice == "estimate"
+        begins = "zero" if zero else f"that of the file ({options.choice})"
+        weight = f" ± {options.sigma_shift:g} m" if positioned else ", free as the network is"
+        turned = "held" if options.sigma_turn is None else f"± {options.sigma_turn:g} rad"
+        said = (
+            f"photos that move during the readout: {len(motions)}; shift of the readout: "
+            f"{begins}{weight}, turn: {turned}"
+        )
+        if options.readout is None:
+            said += "; its time is unknown: motions are those of the whole readout (1 s)"
+        self.problems.remarks.append(said)
