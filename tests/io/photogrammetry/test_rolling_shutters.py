@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import zipfile
 from collections.abc import Callable
 from dataclasses import replace
@@ -23,6 +24,7 @@ from factorgraph_adj.observations import ControlPoint, PhotoPosition
 from factorgraph_adj.rotation import exp_rotation
 from factorgraph_adj.simulation.measurement import disturb, measure
 from factorgraph_adj.solve.solution import Solution
+from tests.networks import photo_files
 from tests.networks.rolling_drone import FOCAL, READOUT, SENSOR, SIGMA_PX, flown, true_motions
 
 FREE = ("c", "x0", "y0", "k1", "k2", "k3", "p1", "p2")
@@ -154,6 +156,40 @@ def metashape(network: fga.Network, folder: Path, motion: Motion | None, part: f
 
 
 WRITERS = {"opf": opf, "metashape": metashape}
+
+
+def moving_opf(folder: Path) -> dict[str, bytes]:
+    """Return a project of OPF whose photos move during the readout."""
+    files = photo_files.opf(folder)
+    document = json.loads(files["calibrated-cameras.json"])
+    for i, camera in enumerate(document["cameras"]):
+        camera["rolling_shutter"] = [0.03 + 0.01 * i, -0.02, 0.005]
+    files["calibrated-cameras.json"] = json.dumps(document, indent=1).encode()
+    return files
+
+
+def moving_metashape(folder: Path) -> dict[str, bytes]:
+    """Return an export of Metashape whose photos move during the readout."""
+    text = photo_files.metashape(folder)["cameras.xml"].decode()
+    rotation = exp_rotation(np.array([[0.002, -0.001, 0.003]]))[0]
+    moved = (
+        f"\n<rolling_shutter>\n<rotation>{numbers(rotation)}</rotation>\n"
+        "<location>0.02 -0.01 0.005</location>\n</rolling_shutter>"
+    )
+    text = re.sub(r"<camera .*?</transform>", lambda m: m[0] + moved, text, flags=re.DOTALL)
+    return {"cameras.xml": text.encode()}
+
+
+EXAMPLE_FILES = {
+    "opf of a rolling shutter": replace(
+        photo_files.EXAMPLE_FILES["opf"], contents=moving_opf, options={"readout": 0.03}
+    ),
+    "metashape-xml of a rolling shutter": replace(
+        photo_files.EXAMPLE_FILES["metashape-xml"],
+        contents=moving_metashape,
+        options={"rolling_shutter": "half readout"},
+    ),
+}
 
 
 def motion_of(solution: Solution, photo: str) -> tuple[np.ndarray, np.ndarray]:

@@ -40,14 +40,30 @@ def write(tmp_path: Path, content: object) -> Path:
     return path
 
 
+def moving() -> dict[str, Any]:
+    """Return a document of photos that move while their rows are read."""
+    content = document(rolling_shutter_time=0.02)
+    for frame in content["frames"]:
+        frame["camera_linear_velocity"] = [2.0, -1.0, 0.5]
+        frame["camera_angular_velocity"] = [0.3, -0.2, 0.6]
+    return content
+
+
 EXAMPLE_FILES = {
+    "transforms of a rolling shutter": Example(
+        "transforms",
+        {"transforms.json": json.dumps(moving(), indent=1)},
+        "transforms.json",
+        open_names=True,
+        places_only=True,
+    ),
     "transforms": Example(
         "transforms",
         {"transforms.json": json.dumps(document(applied_scale=0.5), indent=1)},
         "transforms.json",
         open_names=True,
         places_only=True,
-    )
+    ),
 }
 
 
