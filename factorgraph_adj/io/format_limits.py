@@ -58,9 +58,10 @@ class Refusals(Problems):
             if p.sigma is not None:
                 self.refuse("a weight on coordinates; use a control point", f"point {name!r}")
 
-    def photos(self, network: Network) -> None:
-        """Refuse held and weighted poses, and motions of photos."""
-        self.motions(network)
+    def photos(self, network: Network, *, motions: bool = False) -> None:
+        """Refuse held and weighted poses, and motions of photos unless the format has them."""
+        if not motions:
+            self.motions(network)
         for name, photo in network.photos.items():
             if any(photo.fixed):
                 self.refuse("a held pose", f"photo {name!r}")
@@ -72,11 +73,17 @@ class Refusals(Problems):
         for problem in motions_of_photos(network, self.format):
             self.wrong(problem.what, problem.where)
 
-    def cameras(self, network: Network) -> None:
-        """Refuse readout times, weighted calibrations and those of single photos."""
+    def cameras(self, network: Network, *, readouts: bool = False) -> None:
+        """Refuse weighted calibrations and those of single photos.
+
+        Args:
+            network: the network.
+            readouts: whether the format says which sensors have a rolling shutter; otherwise
+                readout times are refused, too.
+        """
         for name, camera in network.cameras.items():
             where = f"camera {name!r}"
-            if camera.readout is not None:
+            if camera.readout is not None and not readouts:
                 self.refuse("the readout time of a rolling shutter", where)
             if np.isfinite(camera.sigma).any():
                 self.refuse("weighted calibration parameters", where)

@@ -19,8 +19,8 @@ from tests.support.same import assert_same_network
 
 OF_PHOTOS = {"opf", "metashape", "colmap"}
 """Formats with photos, except projects."""
-OF_CAMERAS = {"colmap", "opencv"}
-"""Formats whose cameras say nothing of a shutter, as their writers document."""
+OF_CAMERAS = {"colmap", "opencv", "opf"}
+"""Formats whose cameras say nothing of a readout time, as their writers document."""
 SURVEYS = [w for w in WRITERS.entries if w.name not in {"project", *OF_PHOTOS, *OF_CAMERAS}]
 
 
@@ -53,7 +53,8 @@ def refused(name: str, network: Network, folder: Path) -> list[Problem]:
 
 
 @pytest.mark.parametrize("name", sorted(OF_PHOTOS))
-def test_formats_of_photos_with_one_pose_refuse_motions(name: str, tmp_path: Path) -> None:
+def test_formats_of_photos_refuse_motions_that_they_do_not_have(name: str, tmp_path: Path) -> None:
+    """OPF has velocities; these photos turn, too."""
     network = block(moving=True)
     said = [p for p in refused(name, network, tmp_path) if "the motion of a photo" in p.what]
     assert {p.where for p in said} == {f"photo {f!r}" for f in network.photos}

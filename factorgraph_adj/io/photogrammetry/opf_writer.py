@@ -20,6 +20,7 @@ from ...rotation import omega_phi_kappa
 from ..file_transaction import write_files
 from ..format_limits import Refusals, calibration_values, pixel_format
 from .opf_files import JSON_FORMAT
+from .rolling_shutters import ALONG_ROWS
 
 OPF_LOCAL_WKT = (
     'ENGCRS["Local coordinates",EDATUM["Local datum"],CS[Cartesian,3],'
@@ -60,6 +61,11 @@ def write_opf(network: Network, path: str | Path) -> None:
     positions of captures, slope distances scale constraints, and directions between points
     orientation constraints. What of the calibration is unknown is no part of the format.
 
+    Cameras with a readout time have the shutter type ``rolling``. The velocity of a photo becomes
+    Δc of ``rolling_shutter``, its way during half the readout, see `read_opf`; turns are no part
+    of the format. The readout time itself is left out, and so are the standard deviations of
+    motions: whoever reads the project states them.
+
     Args:
         network: the network; that of an adjustment is `Solution.as_network`.
         path: the .opf file; the other files go into its folder.
@@ -73,8 +79,8 @@ def write_opf(network: Network, path: str | Path) -> None:
     kinds = (ControlPoint.kind, PhotoPosition.kind, SlopeDistance.kind, PointDirection.kind)
     refusals.observations(network, kinds)
     refusals.points(network)
-    refusals.photos(network)
-    refusals.cameras(network)
+    refusals.photos(network, motions=True)
+    refusals.cameras(network, readouts=True)
     if network.frame != LocalFrame():
         refusals.refuse("a frame that is not local, with X east")
     writer = _Writer(network, refusals)
@@ -176,7 +182,7 @@ class _Writer:
             "camera_list": {"cameras": cameras},
             "scene_reference_frame": frame,
             "input_cameras": {
-                "sensors": [s | _SENSOR_DEFAULTS for s in sensors],
+                "sensors": [_SENSOR_DEFAULTS | s for s in sensors],
                 "captures": captures,
             },
             "projected_input_cameras": {"sensors": [], "captures": positions},
@@ -232,7 +238,10 @@ class _Writer:
                 "radial_distortion": [k["k1"], k["k2"], k["k3"]],
                 "tangential_distortion": [0.0 - k["p2"], k["p1"]],
             }
-            sensor = {"id": self.sensors[name], "name": name, "internals": internals}
+            sensor: dict[str, Any] = {"id": self.sensors[name], "name": name}
+            sensor["internals"] = internals
+            if camera.readout is not None:
+                sensor["shutter_type"] = "rolling"
             out.append(sensor | {"image_size_px": [int(side) for side in size]})
         return out
 
@@ -286,8 +295,23 @@ class _Writer:
             position = list(map(float, photo.position))
             sensor = self.sensors[photo.camera]
             pose = {"id": i, "sensor_id": sensor, "position": position, "orientation_deg": angles}
-            out.append(pose)
+            way = self._way_of_half_readout(name)
+            out.append(pose if way is None else pose | {"rolling_shutter": way})
         return out
+
+    def _way_of_half_readout(self, photo: str) -> list[float] | None:
+        """Return the way of a photo from the middle row to the last one; None without a motion."""
+        motion = self.network.of_kind("photo_motion").get(photo)
+        camera = self.network.cameras[self.network.photos[photo].camera]
+        if motion is None or camera.readout is None:
+            return None
+        sign = ALONG_ROWS.get(camera.readout_towards)
+        if any(motion.values[3:]) or sign is None:
+            what = "the motion of a photo but a velocity, and a readout from row to row; "
+            what += "network.of_kind('photo_motion') has the motions"
+            self.refusals.refuse(what, f"photo {photo!r}")
+            return None
+        return [sign * v * camera.readout / 2 for v in motion.values[:3]]
 
     def _constraints(self) -> dict[str, Any]:
         scales, directions = [], []

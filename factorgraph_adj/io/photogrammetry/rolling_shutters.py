@@ -2,9 +2,10 @@
 
 Files state how far a camera moves and turns while a rolling shutter reads its sensor, not how fast,
 since image points tell no time: a shift in metres and a turn in radians, from the middle row to the
-last one (half the readout) or from the first row to the last one (the whole readout). With the
-readout time T the motion of a photo is v = shift/T and ω = turn/T of the whole readout; its pose is
-that of the middle row, see `models.rolling_shutter`.
+last one (half the readout) or from the first row to the last one (the whole readout), where the
+first row is the upper one. With the readout time T the motion of a photo is v = shift/T and
+ω = turn/T of the whole readout, with the other sign if the last row is read first; its pose is that
+of the middle row, see `models.rolling_shutter`.
 
 A motion that is read or estimated is a weighted unknown: the shift of the whole readout about that
 of the file, or about zero, with a standard deviation that is larger than drones move, so that it
@@ -17,6 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
@@ -35,6 +37,8 @@ RollingShutter: TypeAlias = Literal[
 begin at zero, or nothing, so that photos stand still at the pose of their middle row."""
 READOUT_PARTS = {"half readout": 2.0, "whole readout": 1.0}
 """Shift and turn of the whole readout by those of the part that a file states."""
+ALONG_ROWS: Mapping[Towards, float] = MappingProxyType({"down": 1.0, "up": -1.0})
+"""Sides to which rows are read one after the other, and the sign of times from the first row."""
 MOTIONS_LEFT_OUT = LeftOutReason(
     "motions of photos during the readout", "rolling_shutter='leave out' keeps the poses alone"
 )
@@ -140,8 +144,14 @@ class ShutterMotions:
                 f"cameras with a rolling shutter whose photos have no motion: {names}; "
                 "rolling_shutter='estimate' lets the adjustment find it"
             )
-        if choice in READOUT_PARTS:
-            self._state({p: READOUT_PARTS[choice] * m for p, m in self.stated.items()})
+        if choice in READOUT_PARTS and self.stated:
+            sign = ALONG_ROWS.get(self.options.readout_towards)
+            if sign is None:
+                what = "motions of the file are those from row to row; valid: readout_towards="
+                self.problems.wrong(what + " or ".join(map(repr, ALONG_ROWS)), self.first)
+                return
+            factor = sign * READOUT_PARTS[choice]
+            self._state({p: factor * m for p, m in self.stated.items()})
         elif choice == "estimate":
             photos = self.network.photos
             rolling = {photos[p].camera for p in self.stated} | set(self.read_by_row)

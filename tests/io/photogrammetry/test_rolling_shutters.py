@@ -20,6 +20,7 @@ from factorgraph_adj.io.photogrammetry.block_source import add_pixel_camera
 from factorgraph_adj.io.photogrammetry.metashape_cameras import calibration_parameters
 from factorgraph_adj.io.photogrammetry.opf import read_opf
 from factorgraph_adj.models.lens import NormalisedLens
+from factorgraph_adj.models.rolling_shutter import Towards
 from factorgraph_adj.observations import ControlPoint, PhotoPosition
 from factorgraph_adj.rotation import exp_rotation
 from factorgraph_adj.simulation.measurement import disturb, measure
@@ -377,9 +378,47 @@ def test_the_readout_may_proceed_to_another_side(
 ) -> None:
     """A sensor that is read upwards moves the other way: the same image points and start."""
     path = opf(flight, tmp_path, true)
-    network = fga.read(path, readout=READOUT, readout_towards="up", rolling_shutter="estimate")
-    down = fga.adjust(fga.read(path, readout=READOUT, rolling_shutter="estimate"))
+    down = fga.adjust(fga.read(path, readout=READOUT))
+    network = fga.read(path, readout=READOUT, readout_towards="up")
     up = fga.adjust(network)
     for photo in flight.photos:
         a, b = motion_of(down, photo)[0], motion_of(up, photo)[0]
         np.testing.assert_allclose(a, -b, atol=1e-6)
+        start = network.of_kind("photo_motion")[photo].values[:3]
+        np.testing.assert_allclose(start, -true(photo)[0] / READOUT, rtol=1e-12)
+    with pytest.raises(InputError, match="those from row to row; valid: readout_towards='down' or"):
+        fga.read(path, readout_towards="left")
+    aside = fga.read(path, readout_towards="left", rolling_shutter="estimate")
+    assert aside.cameras["camera"].readout_towards == "left"
+
+
+@pytest.mark.parametrize("towards", ["down", "up"])
+def test_adjusted_velocities_are_written_as_opf_has_them(
+    towards: Towards, flight: fga.Network, true: Motion, tmp_path: Path
+) -> None:
+    """They are read again as they were adjusted; pyopf finds the same numbers."""
+    pyopf = pytest.importorskip("pyopf.io")
+    path = opf(flight, tmp_path / "first", true)
+    options: dict[str, Any] = {"readout": READOUT, "readout_towards": towards}
+    solution = fga.adjust(fga.read(path, **options))
+    fga.write_opf(solution.as_network(), tmp_path / "second" / "block.opf")
+    again = fga.read(tmp_path / "second" / "block.opf", **options)
+    document = json.loads((tmp_path / "second" / "input-cameras.json").read_text("utf-8"))
+    assert [s["shutter_type"] for s in document["sensors"]] == ["rolling"]
+    stored = pyopf.load(str(tmp_path / "second" / "calibrated-cameras.json"))
+    sign = {"down": 0.5, "up": -0.5}[towards] * READOUT
+    for photo, camera in zip(flight.photos, stored.cameras, strict=True):
+        found = motion_of(solution, photo)[0]
+        read = again.of_kind("photo_motion")[photo].values
+        np.testing.assert_allclose(camera.rolling_shutter, sign * found[:3], rtol=1e-12)
+        np.testing.assert_allclose(read[:3], found[:3], rtol=1e-12)
+
+
+def test_velocities_of_columns_are_refused_by_opf(flight: fga.Network, tmp_path: Path) -> None:
+    network = flight.copy()
+    network.cameras["camera"] = replace(
+        network.cameras["camera"], readout=READOUT, readout_towards="left"
+    )
+    network.set_unknown("photo_motion", "F0", (1.0, 0, 0, 0, 0, 0))
+    with pytest.raises(InputError, match="OPF cannot express the motion of a photo but a velocity"):
+        fga.write_opf(network, tmp_path / "block.opf")
