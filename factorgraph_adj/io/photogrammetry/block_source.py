@@ -61,6 +61,8 @@ def add_pixel_camera(
         sigma: standard deviations of the weighted parameters by name.
         readout: readout time of a rolling shutter, seconds, and the side to which it proceeds.
     """
+    seconds: float | None
+    towards: Towards
     seconds, towards = (None, "down") if readout is None else readout
     network.add_camera(
         name,

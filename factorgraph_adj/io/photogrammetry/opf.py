@@ -197,8 +197,8 @@ class _Cameras:
         name = f"sensor {ident}" if label is None else label.text()
         name = name if name not in self.network.cameras else f"{name} ({ident})"
         self.sensors[ident] = name
-        kind = given.get("shutter_type")
-        if kind is not None and kind.text() == "rolling":
+        shutter = given.get("shutter_type")
+        if shutter is not None and shutter.text() == "rolling":
             self.motions.read_by_row.append(name)
         free = OPF_PARAMETERS if self.free else ()
         sides = (size[0], size[1])
