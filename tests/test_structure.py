@@ -94,6 +94,7 @@ EXTRAS = {
     "openpyxl": ("io",),
     "pyproj": ("crs",),
     "ezdxf": ("export",),
+    "laspy": ("export",),
     "jinja2": ("report",),
     "plotly": ("report",),
     "itables": ("report",),

@@ -262,7 +262,13 @@ EXPORT_FORMATS: tuple[ExportFormat, ...] = (
     ExportFormat("kml", (".kml",), "KML", write_kml, refuse_unknown_place),
     ExportFormat("dxf", (".dxf",), "DXF drawing", write_dxf, refuse_drawing),
     ExportFormat("ply", (".ply",), "PLY points", write_ply, epochs=False),
-    ExportFormat("precision-map", (".txt",), "precision map", write_precision_map, epochs=False),
+    ExportFormat(
+        "precision-map",
+        (".txt", ".las"),
+        "precision map",
+        write_precision_map,
+        epochs=False,
+    ),
 )
 """The formats that a solution can be written in."""
 
