@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol, TypeAlias
 
 import numpy as np
 from scipy import special
@@ -163,6 +163,12 @@ class AdjustmentFigures(Protocol):
         ...
 
 
+GlobalOutcome: TypeAlias = Literal["untested", "accepted", "too_small", "too_large"]
+"""What a global test finds: σ̂0 lies between its bounds, below or above them; ``untested``: nothing
+is redundant. Above them there are errors, or σ that are stated too small; below them there is no
+error: the readings are better than their σ say, or not independent."""
+
+
 @dataclass(frozen=True)
 class GlobalTest:
     """Two-sided test of σ̂0² = vᵀPv/r against σ0² = 1."""
@@ -192,6 +198,15 @@ class GlobalTest:
     def too_good(self) -> bool:
         """Whether σ̂0 lies below the bounds: the readings fit better than their σ say."""
         return self.redundancy > 0 and self.sigma0 < self.lower
+
+    @property
+    def outcome(self) -> GlobalOutcome:
+        """What the test found."""
+        if self.redundancy <= 0:
+            return "untested"
+        if self.accepted:
+            return "accepted"
+        return "too_small" if self.too_good else "too_large"
 
 
 def global_test(solution: AdjustmentFigures, *, alpha: float = ALPHA_OF_MODEL) -> GlobalTest:

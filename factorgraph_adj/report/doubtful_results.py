@@ -103,8 +103,8 @@ def notes_of_solution(solution: AdjustmentOutcome) -> list[str]:
         return []
     return [
         f"the readings fit better than their σ say: σ̂0 = {test.sigma0:.4f}, expected from "
-        f"{test.lower:.4f} to {test.upper:.4f}; the σ are stated too large, or readings are not "
-        "independent"
+        f"{test.lower:.4f} to {test.upper:.4f}; this is no sign of a gross error: the σ are stated "
+        "too large, or readings are not independent"
     ]
 
 

@@ -334,7 +334,7 @@ def _caution(report: Report, above: int) -> list[str]:
     test = global_test(report.solution)
     if test.accepted or report.pope:
         return []
-    if test.sigma0 < 1:
+    if test.too_good:
         return paragraph(
             f"σ̂0 = {test.sigma0:.3g}: w refers to the stated σ, which are too large, so that "
             "errors may pass; τ (--test pope) refers to σ̂0"

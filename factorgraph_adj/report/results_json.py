@@ -74,7 +74,11 @@ def results_record(report: Report) -> dict[str, Any]:
         "vtpv": s.vtpv,
         "sigma0": s.sigma0,
         "variance": s.variance,
-        "global_test": {**asdict(test), "accepted": test.accepted},
+        "global_test": {
+            **asdict(test),
+            "accepted": test.accepted,
+            "outcome": test.outcome,
+        },
         "doubts": list(report.doubts),
         **(
             {"notes": notes}

@@ -28,7 +28,7 @@ from .doubtful_results import (
     notes_of_solution,
     unknowns_left_out,
 )
-from .html.verdict import LightColour, adjustment_verdict
+from .html.verdict import LightColour, adjustment_verdict, verdict_words
 from .layout import LINE_WIDTH, clipped, paragraph, percent, short, table
 from .observation_rows import Row
 from .options import Provenance
@@ -115,8 +115,7 @@ def parts_summary(solution: PartsSolution) -> str:
     """Return the result of an adjustment in parts on one screen, without points."""
     doubts = doubts_of_parts(solution)
     notes = [*unknowns_left_out(solution), *notes_of_solution(solution)]
-    colour = _colour_of_parts(solution)
-    verdict = f"DOUBTFUL RESULT: {'; '.join(doubts)}" if doubts else WORDS(f"verdict_{colour}")
+    verdict = f"DOUBTFUL RESULT: {'; '.join(doubts)}" if doubts else _words_of_parts(solution)
     head = [
         *_within([*paragraph(verdict), *(line for note in notes for line in paragraph(note))]),
         *_sigma0(solution),
@@ -133,7 +132,7 @@ def parts_summary(solution: PartsSolution) -> str:
 
 def parts_verdict_line(solution: PartsSolution) -> str:
     """Return the verdict on an adjustment in parts and σ̂0 in one line."""
-    return _line(WORDS(f"verdict_{_colour_of_parts(solution)}"), solution)
+    return _line(_words_of_parts(solution), solution)
 
 
 # -- parts of the screen --------------------------------------------------------------------------
@@ -176,6 +175,7 @@ def _verdict(report: Report) -> list[str]:
             f"{light.title}: {f'{light.text} {light.sentence}'.strip().rstrip('.')}"
             for light in found.lights
             if light.colour == found.colour != GOOD_LIGHT
+            and not light.noted
             and (not light.told or light.told not in said)
         ]
         doubts = paragraph(": ".join([found.text, *(["; ".join(reasons)] if reasons else [])]))
@@ -368,3 +368,8 @@ def _count(n: int, noun: str) -> str:
 
 def _shortened(name: str) -> str:
     return clipped(escaped(name), MAX_LABEL)
+
+
+def _words_of_parts(solution: PartsSolution) -> str:
+    too_good = global_test(solution).too_good and not unknowns_left_out(solution)
+    return verdict_words(_colour_of_parts(solution), WORDS, too_good=too_good)

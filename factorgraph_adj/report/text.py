@@ -11,7 +11,7 @@ from ..errors import taking
 from ..frames import Frame, GeocentricFrame, LocalFrame
 from ..quality.rejections import Snooping
 from ..solve.solution import Solution
-from ..statistical_tests import GlobalTest, global_test
+from ..statistical_tests import GlobalOutcome, GlobalTest, global_test
 from ..units import format_angle
 from ..version import __version__
 from .adjusted_coordinates import lines_section
@@ -49,6 +49,18 @@ from .unknowns import (
 
 NO_REDUNDANCY = "no redundancy: no observation checks another"
 """What is said in place of σ̂0 where there is none."""
+GLOBAL_WORDS: dict[GlobalOutcome, str] = {
+    "untested": "none",
+    "accepted": "accepted",
+    "too_small": "readings better than stated",
+    "too_large": "REJECTED",
+}
+"""Words for what the global test found."""
+GLOBAL_HINTS: dict[GlobalOutcome, str] = {
+    "too_small": "no sign of a gross error: σ stated too large, or readings not independent",
+    "too_large": "blunders, systematic errors, or standard deviations stated too small",
+}
+"""What an outcome of the global test may come from."""
 COMPASS_WORDS = {"e": "east", "w": "west", "n": "north", "s": "south"}
 
 
@@ -249,11 +261,8 @@ def _result(report: Report) -> list[str]:
         f"  σ̂0                    {test.sigma0:.5f} (a priori 1)",
         f"  global test           {global_test_text(test)}",
     ]
-    if not test.accepted and test.sigma0 > 1:
-        hint = "blunders, systematic errors, or standard deviations stated too small"
+    if hint := GLOBAL_HINTS.get(test.outcome):
         out.append(f"                        {hint}")
-    elif not test.accepted:
-        out.append("                        standard deviations stated too large")
     return [*out, *_precision(report)]
 
 
@@ -266,9 +275,8 @@ def global_test_text(test: GlobalTest, *, fitted: bool = False) -> str:
     """
     if fitted:
         return "none: it would test that fit; find blunders first (--snoop)"
-    verdict = "accepted" if test.accepted else "REJECTED"
     return (
-        f"{verdict}: χ², two-sided, {100 * (1 - test.alpha):.0f} %, "
+        f"{GLOBAL_WORDS[test.outcome]}: χ², two-sided, {100 * (1 - test.alpha):.0f} %, "
         f"{test.lower:.4f} ≤ σ̂0 ≤ {test.upper:.4f}"
     )
 

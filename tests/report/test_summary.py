@@ -11,10 +11,14 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.report.adjustment_report import Report
+from factorgraph_adj.report.catalogue import Texts
 from factorgraph_adj.report.html.verdict import adjustment_verdict
 from factorgraph_adj.report.layout import _width as width
 from factorgraph_adj.report.options import Provenance
+from factorgraph_adj.report.results_json import results_record
 from factorgraph_adj.report.summary import MAX_LINES, WORDS, render_summary, verdict_line
+from factorgraph_adj.report.text import global_test_text
+from factorgraph_adj.statistical_tests import global_test
 from tests.support.places import EXAMPLES
 
 N_POINTS = 6
@@ -237,3 +241,64 @@ def test_the_screen_and_the_report_of_snooping_have_what_was_set_aside() -> None
         assert "rejected" in text
         assert "0-2" in text
     assert len(found.summary().splitlines()) <= MAX_LINES
+
+
+@pytest.mark.parametrize("language", ["en", "de"])
+def test_readings_better_than_stated_are_called_so_everywhere_and_nothing_is_rejected(
+    tmp_path, language, capsys
+) -> None:
+    """σ ten times too large: no word of a rejection on screen, in text, page and one line."""
+    network = trilateration()
+    for i, o in network.observations.items():
+        network.observations[i] = replace(o, sigma=10.0 * SIGMA)
+    report = Report(fga.adjust(network))
+    assert report.solution.sigma0 < 0.2
+    screen, text = render_summary(report), fga.text_report(report.solution)
+    words = "no indication of gross errors; the readings are better than their σ say"
+    assert verdict(screen).startswith(words)
+    assert verdict(screen).count("this is no sign of a gross error") == 1
+    for told in (screen, text):
+        assert "readings better than stated: χ²" in told
+        assert "REJECTED" not in told and "Rejected" not in told and "reservation" not in told
+    assert verdict_line(report).startswith(f"{words}; σ̂0 0.")
+    found = adjustment_verdict(report, Texts(language))
+    assert found.text == Texts(language)("verdict_too_good")
+    (light,) = [x for x in found.lights if x.colour == "amber"]
+    assert light.noted
+    assert ("Verworfen" not in light.text) and ("Rejected" not in light.text)
+    test = results_record(report)["global_test"]
+    assert (test["accepted"], test["outcome"]) == (False, "too_small")
+    fga.write_project(network, tmp_path / "p" / "project.toml")
+    assert main(["adjust", str(tmp_path / "p"), "--quiet"]) == 0
+    assert capsys.readouterr().out.startswith(words)
+
+
+def test_a_second_reservation_beside_readings_that_are_too_good_is_kept_as_such() -> None:
+    network = trilateration()
+    for i, o in network.observations.items():
+        network.observations[i] = replace(o, sigma=10.0 * SIGMA)
+    network.add_point("alone", (300.0, 0.0, 0.0), fixed="z")
+    network.add(fga.CoordinateDifference("0", "alone", (200.0, 0.0), axes="xy", sigma=SIGMA))
+    said = verdict(fga.adjust(network).summary())
+    assert said.startswith("the result stands, with reservations")
+    assert "the readings fit better than their σ say" in said
+
+
+@pytest.mark.parametrize(
+    ("scale", "outcome", "words"),
+    [
+        (1.0, "accepted", "accepted"),
+        (0.1, "too_large", "REJECTED"),
+        (10.0, "too_small", "readings"),
+    ],
+)
+def test_the_outcome_of_the_global_test_is_the_word_of_all_reports(scale, outcome, words) -> None:
+    network = trilateration()
+    for i, o in network.observations.items():
+        network.observations[i] = replace(o, sigma=scale * SIGMA)
+    solution = fga.adjust(network)
+    test = global_test(solution)
+    assert test.outcome == outcome
+    assert global_test_text(test).startswith(words)
+    assert test.accepted == (outcome == "accepted")
+    assert test.too_good == (outcome == "too_small")

@@ -45,6 +45,8 @@ class Light:
     """A sentence of the adjustment itself, which is English in every language."""
     link: str = ""
     """Name of the part of the page with more about it."""
+    noted: bool = False
+    """Whether a note of the text report says the same."""
 
     @property
     def sentence(self) -> str:
@@ -87,7 +89,25 @@ def adjustment_verdict(report: Report, t: Texts) -> Verdict:
     states = {light.colour for light in lights}
     colour: LightColour = "red" if all_doubts(report) or "red" in states else "green"
     colour = "amber" if colour == "green" and "amber" in states else colour
-    return Verdict(colour, t(f"verdict_{colour}"), lights, _figures(report, t))
+    reserved = sum(light.colour == "amber" for light in lights)
+    words = verdict_words(colour, t, too_good=reserved == 1 and _too_good(report))
+    return Verdict(colour, words, lights, _figures(report, t))
+
+
+def verdict_words(colour: LightColour, t: Texts, *, too_good: bool) -> str:
+    """Return what the state of an adjustment means.
+
+    Args:
+        colour: the state.
+        t: texts of the language.
+        too_good: whether its only reservation is that readings fit better than their σ say.
+    """
+    return t("verdict_too_good" if colour == "amber" and too_good else f"verdict_{colour}")
+
+
+def _too_good(report: Report) -> bool:
+    """Return whether σ̂0 lies below its bounds; fitted weights leave nothing to test."""
+    return report.components is None and global_test(report.solution).too_good
 
 
 def _ended(report: Report, t: Texts) -> Light:
@@ -128,7 +148,8 @@ def _global(report: Report, t: Texts) -> Light:
     if test.accepted:
         return Light("green", title, t("light_global_accepted", **figures), link="groups")
     if test.too_good:
-        return Light("amber", title, t("light_global_small", **figures), link="groups")
+        text = t("light_global_small", **figures)
+        return Light("amber", title, text, link="groups", noted=True)
     return Light("red", title, t("light_global_large", **figures), link="groups")
 
 
@@ -351,7 +372,11 @@ def _epochs_global_tests(report: EpochsReport, t: Texts) -> list[Light]:
     if not tests:
         return []
     level = percent(1 - tests[0][1].alpha)
-    wrong = [f"{name} (σ̂0 = {test.sigma0:.3f})" for name, test in tests if not test.accepted]
+    wrong = [
+        t(f"light_epochs_{test.outcome}", name=name, sigma0=f"{test.sigma0:.3f}")
+        for name, test in tests
+        if not test.accepted
+    ]
     if not wrong:
         sigma0 = ", ".join(f"{test.sigma0:.3f}" for _, test in tests)
         text = t("light_epochs_global_fine", level=level, sigma0=sigma0)
