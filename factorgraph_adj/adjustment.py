@@ -10,6 +10,7 @@ from .blas_threads import with_one_thread
 from .entities import parameter_name
 from .errors import ApproximationError, DatumError, InputError, UnknownLeftOut, known, taking
 from .graph.equations import compile_network
+from .graph.listed_points import listed_points, with_listed_points_apart
 from .graph.observation_selection import without
 from .models.unknown_registry import UNKNOWNS
 from .network.network import DatumChoice, Network
@@ -47,7 +48,7 @@ VARIANCE_SCALES = ("a-priori", "a-posteriori")
 
 
 def largest_determined_part(
-    network: Network, attempt: Callable[[Network], AdjustedResult]
+    network: Network, attempt: Callable[[Network], AdjustedResult], *, factors: bool = False
 ) -> tuple[Network, AdjustedResult]:
     """Return the network without what an attempt to adjust it calls undetermined, adjusted.
 
@@ -58,11 +59,14 @@ def largest_determined_part(
     Args:
         network: the network; it stays unchanged, and is returned itself if it is determined.
         attempt: adjusts a network, or raises the errors of `adjust`.
+        factors: whether factors of the user take part, over the keys of the network as it is.
 
     Raises:
         ApproximationError, DatumError: nothing that can be left out makes the rest determined; the
             error is that of the whole network.
     """
+    if not factors:
+        network = with_listed_points_apart(network)
     rest: Network | None = network
     first: ApproximationError | DatumError | None = None
     while rest is not None:
@@ -74,7 +78,7 @@ def largest_determined_part(
             break
         except (ApproximationError, DatumError) as error:
             first = first or error
-            rest = _without(rest, _unknowns(error))
+            rest = _without(rest, _unknowns(error), factors=factors)
     assert first is not None
     raise first
 
@@ -107,8 +111,12 @@ def _concerned(unknowns: Iterable[_Named]) -> Sequence[_Named]:
     return [u for u in every if u[0] in ("point", "pose")] or every
 
 
-def _without(network: Network, unknowns: dict[_Named, str]) -> Network | None:
-    """Return the network without some unknowns; None if none of them can be left out."""
+def _without(network: Network, unknowns: dict[_Named, str], *, factors: bool) -> Network | None:
+    """Return the network without some unknowns; None if none of them can be left out.
+
+    Points that lose their last observation with them are left out as well: they were observed, so
+    that they are no listed points.
+    """
     concerned = _concerned(unknowns)
     ids = _observations(network, concerned)
     points = [name for kind, name in concerned if kind == "point"]
@@ -123,6 +131,12 @@ def _without(network: Network, unknowns: dict[_Named, str]) -> Network | None:
         # any is not observed.
         why = unknowns[u] if ids[u] or before else REASON_NOT_OBSERVED
         out.unknowns_left_out.append(UnknownLeftOut(*u, why, tuple(ids[u])))
+    lonely = [] if factors else listed_points(out)
+    if lonely:
+        out = without(out, (), points=lonely)
+        out.unknowns_left_out += [
+            UnknownLeftOut("point", name, REASON_UNDETERMINED, ()) for name in lonely
+        ]
     return out
 
 
@@ -163,7 +177,8 @@ def adjust(
     """Adjust a network by least squares: minimise vᵀPv over all unknowns.
 
     Photos without a pose that see too few known points are oriented from image points alone, see
-    `orient`; the solution says so (``begun``).
+    `orient`; the solution says so (``begun``). Points that no observation concerns are listed, not
+    adjusted: ``solution.network.listed_points`` has them.
 
     Args:
         network: the points, photos, instruments and observations.
@@ -181,6 +196,7 @@ def adjust(
         extra_factors: any ``gtsam.NonlinearFactor`` over the keys of `build_graph`, in a list or
             by name, or functions by name that make them, as for `IncrementalAdjustment.add`; they
             take part in solution and covariance, and have test values in `Reliability.factors`.
+            With them every point is an unknown.
         progress: called after each iteration; an exception in it ends the adjustment.
         leave_out_undetermined: whether `determined_part` is adjusted, without what the observations
             do not determine; ``solution.network.unknowns_left_out`` names it. Not with ``weights``.
@@ -204,6 +220,8 @@ def adjust(
         raise InputError(
             f"unknown variance {variance!r}; valid: {known(VARIANCE_SCALES, meant=variance)}"
         )
+    if not extra_factors:  # keys of factors are those of the network as it is
+        network = with_listed_points_apart(network)
     if leave_out_undetermined:
         if weights is not None:
             raise InputError(
@@ -223,7 +241,7 @@ def adjust(
                 progress=progress,
             )
 
-        return largest_determined_part(network, whole)[1]
+        return largest_determined_part(network, whole, factors=bool(extra_factors))[1]
     equations = compile_network(network)
     try:
         begin, extra = (
@@ -301,7 +319,7 @@ def determined_part(
     def attempt(some: Network) -> Solution:
         return adjust(some, datum=datum, start=start, extra_factors=extra_factors)
 
-    return largest_determined_part(network, attempt)[0]
+    return largest_determined_part(network, attempt, factors=bool(extra_factors))[0]
 
 
 @taking(Network)
@@ -317,6 +335,6 @@ def memory_needed(network: Network) -> MemoryEstimate:
         InputError: there is nothing to adjust.
         ApproximationError: the points, photos or sets that it names have no approximate values.
     """
-    equations = compile_network(network)
+    equations = compile_network(with_listed_points_apart(network))
     state = choose_start(equations, network.datum, None).state
     return estimate_memory(Solver.of(equations).plan, equations, state)

@@ -33,7 +33,7 @@ from ..planning.targets import (
     for_points,
     limit_of,
 )
-from ..report.doubtful_results import unknowns_left_out
+from ..report.doubtful_results import listed_points_text, unknowns_left_out
 from ..units import LENGTH
 from ..validate.network_structure import problems_with_lines
 from .input import add_project, read_input, reading_options
@@ -251,6 +251,7 @@ def render_plan(found: Plan, rows: int) -> str:
         f"Plan of {found.network.name or 'a network'}: {solution.n_observations} observations, "
         f"{solution.n_unknowns} unknowns, redundancy {solution.redundancy}; σ0 = 1",
         *unknowns_left_out(found.network),
+        *listed_points_text(found.network),
         "",
     ]
     names = [n for n, p in found.network.points.items() if not all(p.fixed)]

@@ -13,6 +13,7 @@ from typing import get_args
 from ..errors import InputError, Problem, known
 from ..frames import LocalFrame
 from ..graph.equations import compile_rows
+from ..graph.listed_points import with_listed_points_apart
 from ..io.format_reader import Reader
 from ..io.project import Project
 from ..io.readers import READERS
@@ -75,7 +76,7 @@ def check_project(project: Project, *, every: bool = False) -> int:
     except InputError as error:
         print_problems(error.problems, every=every)
         return EXIT_BAD_INPUT
-    network = project.network
+    network = with_listed_points_apart(project.network)
     content = (
         f"{len(network.points)} points, {len(network.photos)} photos, {network.n_image_points} "
         f"image points and {len(network.observations)} other observations"

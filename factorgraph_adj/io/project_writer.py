@@ -241,6 +241,7 @@ def network_files(
         InputError: a name or a unit cannot be written to a file.
     """
     units = units or Units()
+    network = network.with_listed_points()
     check_names(network)
     files: dict[str, str] = {}
     observations = list(_observations(network, units))

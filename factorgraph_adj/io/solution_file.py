@@ -23,6 +23,7 @@ import numpy as np
 from ..errors import InputError, Problem, UnknownLeftOut
 from ..files import read_arrays
 from ..graph.equations import Equations, compile_network
+from ..graph.observation_selection import without
 from ..solve.added_factors import AddedFactors
 from ..solve.adjustment_run import RunRecord
 from ..solve.datum_defects import Defect, FreeDatum
@@ -73,6 +74,7 @@ def save_solution(solution: Solution, path: str | Path) -> None:
         "within": solution.within,
         "second_places": solution.second_places,
         "begun": solution.begun,
+        "listed_points": list(solution.network.listed_points),
         "unknowns_left_out": [asdict(x) for x in solution.network.unknowns_left_out],
         "vtpv": solution.vtpv,
         "variance": solution.variance,
@@ -147,6 +149,10 @@ def _solution(
     header: dict[str, Any], entries: Mapping[str, Any], folder: Path, allow_outside: bool
 ) -> Solution:
     network = network_of(header["files"], home=folder, allow_outside=allow_outside)
+    if listed := header.get("listed_points"):
+        points = {name: network.points[name] for name in listed}
+        network = without(network, (), points=listed)
+        network.listed_points = points
     network.unknowns_left_out = [
         UnknownLeftOut(x["kind"], x["name"], x["why"], tuple(x["ids"]))
         for x in header.get("unknowns_left_out", ())

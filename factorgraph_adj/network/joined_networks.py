@@ -51,7 +51,7 @@ def join(networks: Iterable[Network], *, name: str | None = None, sets: Sets = "
         InputError: no network, different frames or reference systems, points, cameras, photos or
             further unknowns that are stated differently; all of them are listed.
     """
-    given = list(networks)
+    given = [n.with_listed_points() if isinstance(n, Network) else n for n in networks]
     if not given or not all(isinstance(n, Network) for n in given):
         raise InputError("join takes a list of networks: join([first, second])")
     if sets not in (valid := ("apart", "same")):

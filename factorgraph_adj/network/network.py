@@ -99,6 +99,8 @@ class Network(StatedUnknowns, Shown):
         the frame, by id: messages show them as they were read."""
         self.unknowns_left_out: list[UnknownLeftOut] = []
         """Unknowns that were left out as nothing determines them, see `determined_part`."""
+        self.listed_points: dict[str, Point] = {}
+        """Points that only a list has, and that no observation concerns: no unknowns."""
         self.point_number: dict[str, int] = {}
         self.photo_number: dict[str, int] = {}
         self._next_id = 1
@@ -371,6 +373,17 @@ class Network(StatedUnknowns, Shown):
                 setattr(other, name, value.copy())
         other.parameters = {kind: given.copy() for kind, given in self.parameters.items()}
         other.images = self.images.copy()
+        return other
+
+    def with_listed_points(self) -> Network:
+        """Return a network with its ``listed_points`` among the others; itself, if it has none."""
+        if not self.listed_points:
+            return self
+        other = self.copy()
+        for name, point in self.listed_points.items():
+            other.point_number[name] = len(other.points)
+            other.points[name] = point
+        other.listed_points = {}
         return other
 
     # -- helpers ------------------------------------------------------------------------------

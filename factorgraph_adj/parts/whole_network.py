@@ -19,6 +19,7 @@ from .. import adjustment
 from ..errors import AdjustmentError, InputError, Problem, known, taking
 from ..graph.equations import Equations, compile_network
 from ..graph.image_blocks import ImageIds
+from ..graph.listed_points import with_listed_points_apart
 from ..graph.observation_selection import only
 from ..graph.variables import Unknowns, Variables
 from ..models.unknown_registry import VariableKind
@@ -453,6 +454,7 @@ def adjust_cut(
 
     What is to be left out is found in an adjustment of the whole network, if the parts refuse it.
     """
+    network = with_listed_points_apart(network)
     if regions is None:
         workers = 1 if client is None else len(client.scheduler_info(n_workers=-1)["workers"])
         regions = PARTS_OF_WORKER * max(workers, 1)

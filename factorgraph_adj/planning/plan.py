@@ -27,6 +27,7 @@ from ..adjustment import adjust
 from ..blas_threads import with_one_thread
 from ..epochs.congruence_tests import UnitVariance, motion_basis, motion_rank, weight_of_differences
 from ..errors import AdjustmentError, InputError, Problem, taking
+from ..graph.listed_points import with_listed_points_apart
 from ..network.network import Network
 from ..quality.error_effects import unit_error_shifts
 from ..quality.reliability import Reliability, check_probabilities, reliability
@@ -318,6 +319,7 @@ def realised(
     """
     check_probabilities(alpha, power)
     try:
+        network = with_listed_points_apart(network)
         solution = adjust(as_planned(network), leave_out_undetermined=leave_out_undetermined)
     except InputError as error:
         raise InputError([*problems, *error.problems]) from None

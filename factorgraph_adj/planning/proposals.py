@@ -177,7 +177,7 @@ def propose(
     if problems:
         raise InputError(problems)
     # Targets apply to the points of the design, not to stations and other points of candidates.
-    wanted = tuple(for_points(t, list(network.points)) for t in wanted)
+    wanted = tuple(for_points(t, list(before.network.points)) for t in wanted)
     before = Plan(before.solution, before.reliability, wanted)
     if before.met:
         return Proposal((), before, before)
@@ -186,6 +186,7 @@ def propose(
         best = planner(wanted, every)
     except DatumError as error:
         raise _undetermined(error, before, every) from None
+    _refuse_unobserved(best, every)
     _refuse_unreachable(before, best)
     chosen, design = _choose(planner, before, every)
     if not design.met:
@@ -234,15 +235,26 @@ def _undetermined(error: DatumError, before: Plan, candidates: Sequence[Candidat
     for n, c in enumerate(candidates):
         lost = c.brings if search.told(n, search.known) is None else c.brings & named
         if lost:
-            what = ", ".join(f"{kind} {name!r}" for kind, name in sorted(lost))
-            problems.append(
-                Problem(
-                    f"its observations do not determine what it brings ({what}); candidates must "
-                    "be complete by themselves",
-                    f"candidate {c.name!r}",
-                )
-            )
+            problems.append(_incomplete(c, lost))
     return InputError(problems) if problems else error
+
+
+def _refuse_unobserved(best: Plan, candidates: Sequence[Candidate]) -> None:
+    """Raise an error for candidates that bring points which nothing observes."""
+    listed = {("point", name) for name in best.network.listed_points}
+    problems = [_incomplete(c, lost) for c in candidates if (lost := c.brings & listed)]
+    if problems:
+        raise InputError(problems)
+
+
+def _incomplete(candidate: Candidate, lost: set[tuple[str, str]]) -> Problem:
+    """Return the problem that a candidate does not determine what it brings."""
+    what = ", ".join(f"{kind} {name!r}" for kind, name in sorted(lost))
+    return Problem(
+        f"its observations do not determine what it brings ({what}); candidates must be complete "
+        "by themselves",
+        f"candidate {candidate.name!r}",
+    )
 
 
 def _refuse_datum_changes(before: Plan, candidates: Sequence[Candidate]) -> None:

@@ -40,6 +40,7 @@ from ..adjustment import adjust
 from ..blas_threads import with_one_thread
 from ..errors import DatumError, InputError, known, taking
 from ..graph.equations import compile_network
+from ..graph.listed_points import with_listed_points_apart
 from ..network.network import DatumChoice, Network
 from ..orientation.choice_of_start import (
     choose_start,
@@ -159,6 +160,7 @@ def robust_adjust(
         raise InputError(
             f"unknown scale {scale!r}; valid: {known(('a-priori', 'median'), meant=scale)}"
         )
+    network = with_listed_points_apart(network)
     solution = _first_solution(network, datum, start, from_start, iterations_each)
     size = _spread(reliability(solution))
     trusted = scale == "a-priori"

@@ -25,6 +25,7 @@ from ..adjustment import adjust
 from ..blas_threads import with_one_thread
 from ..errors import AdjustmentError, DatumError, InputError, Problem, known, taking
 from ..graph.equations import Equations, compile_network
+from ..graph.listed_points import with_listed_points_apart
 from ..graph.observation_selection import without
 from ..network.network import DatumChoice, Network
 from ..orientation.choice_of_start import (
@@ -223,6 +224,8 @@ def snoop(
         problems.append(f"share must lie between 0 and 1, not {share}")
     if max_rounds < 1:
         problems.append(f"max_rounds must be 1 or more, not {max_rounds}")
+    if not extra_factors:  # keys of factors are those of the network as it is
+        network = with_listed_points_apart(network)
     extra = AddedFactors.of(extra_factors, network)
     if extra.factors and robust is not None:
         problems.append("there is no robust estimator with factors: leave robust out")

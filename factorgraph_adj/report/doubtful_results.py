@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ..errors import UnknownLeftOut
+from ..errors import UnknownLeftOut, known
 from ..models.unknown_registry import UNKNOWNS
 from ..network.network import Network
 from ..quality.point_precision import CheckPoints
@@ -110,7 +110,18 @@ def notes_of_solution(solution: AdjustmentOutcome) -> list[str]:
 
 def notes_of_network(network: Network) -> list[str]:
     """Return what is striking about what was adjusted without making the result doubtful."""
-    return copied_returns(network)
+    return [*listed_points_text(network), *copied_returns(network)]
+
+
+def listed_points_text(network: Network) -> list[str]:
+    """Return how many points only a list has; none: there are no such points."""
+    names = list(network.listed_points)
+    if not names:
+        return []
+    one = len(names) == 1
+    count = "1 listed point has" if one else f"{len(names)} listed points have"
+    stays = "it stays" if one else "they stay"
+    return [f"{count} no observation: {stays} as listed, not adjusted: {known(names)}"]
 
 
 def doubts_of_network(network: Network) -> list[str]:

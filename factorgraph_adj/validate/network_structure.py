@@ -20,6 +20,7 @@ from ..errors import InputError, Problem, known
 from ..frames import GeocentricFrame
 from ..graph.blocks import Block
 from ..graph.equations import Equations, compile_network
+from ..graph.listed_points import with_listed_points_apart
 from ..graph.variables import Unknowns, Variables, calibration_name
 from ..models.shapes import Shape
 from ..models.unknown_registry import UNKNOWNS, VariableKind
@@ -460,8 +461,9 @@ def geometry_problems(equations: Equations) -> Iterator[Problem]:
 def check(network: Network, *, sources: Sources | None = None) -> tuple[Problem, ...]:
     """Return all problems that the checks find in a network.
 
-    The problems are: nothing to adjust; points without observations or with too few; photos with
-    too few points; frames with too few common places; unconnected parts; a missing datum in a
+    The problems are: nothing to adjust; datum points, and stations of stated unknowns, without
+    observations (other points without any are listed, not adjusted); points with too few; photos
+    with too few points; frames with too few common places; unconnected parts; a missing datum in a
     network that is not free; marks of known points along other axes than stated, and known points
     that all have the same coordinates; and, for given approximate values: sights without length,
     vertical sights with an azimuth, points in the focal plane of a camera.
@@ -471,6 +473,7 @@ def check(network: Network, *, sources: Sources | None = None) -> tuple[Problem,
         sources: file and line of points and photos, by ("point" or "photo", name).
     """
     at = sources or {}
+    network = with_listed_points_apart(network)
     try:
         equations = compile_network(network)
     except InputError as error:

@@ -96,7 +96,8 @@ def test_bad_input_ends_with_2_a_list_and_no_output(tmp_path, here):
 
 
 def test_check_finds_the_same_problems_as_adjust(tmp_path, here):
-    path = write(tmp_path, points=POINTS.replace(",xyz", ",") + "G,1,2,3,\n")
+    head, *rows = POINTS.replace(",xyz", ",").splitlines()
+    path = write(tmp_path, points="\n".join([f"{head},datum", *rows, "G,1,2,3,,yes", ""]))
     checked, adjusted = here("check", path), here("adjust", path)
     assert (checked.returncode, adjusted.returncode) == (2, 2)
     assert checked.stderr == adjusted.stderr

@@ -34,11 +34,6 @@ def a_part_of_its_own(network, rng):
     return {"X", "Y", "Z"}
 
 
-def never_observed(network, rng):
-    network.add_point("X", PLACES["X"])
-    return {"X"}
-
-
 def without_coordinates(network, rng):
     for name in "XY":
         network.add_point(name)
@@ -58,7 +53,6 @@ LOOSE = [
     seen_once,
     a_chain,
     a_part_of_its_own,
-    never_observed,
     without_coordinates,
     a_set_of_directions,
 ]
@@ -79,6 +73,17 @@ def test_what_is_loose_is_left_out_and_the_rest_stays_as_it_is_without_it(loosen
     gone = {i for x in solution.network.unknowns_left_out for i in x.ids}
     assert gone | set(solution.network.observations) == set(before)
     assert list(network.observations) == before
+
+
+def test_what_was_never_observed_is_listed_and_what_lost_its_observations_is_left_out():
+    network = well_determined()
+    network.add_point("listed", PLACES["X"])
+    for name in "XY":
+        network.add_point(name)
+    distance(network, "X", "Y", np.random.default_rng(1))
+    rest = fga.adjust(network, leave_out_undetermined=True).network
+    assert list(rest.listed_points) == ["listed"]
+    assert {x.name for x in rest.unknowns_left_out} == {"X", "Y"}
 
 
 def test_a_determined_network_is_returned_itself():
@@ -190,6 +195,5 @@ def test_what_is_determined_is_adjusted_once(lost, tmp_path, monkeypatch) -> Non
     solution = adjustment.adjust(network, leave_out_undetermined=True, variance="a-posteriori")
     assert iterations == [solution.iterations]
     assert solution.variance == "a-posteriori"
-    assert [(u.name, u.why) for u in solution.network.unknowns_left_out] == (
-        [("Z", "it has no observation")] if lost else []
-    )
+    assert list(solution.network.listed_points) == (["Z"] if lost else [])
+    assert solution.network.unknowns_left_out == []

@@ -512,6 +512,15 @@ BETWEEN = "".join(
     f"slope_distance,{20 + i},{pair[0]},{pair[1]},3,,\n"
     for i, pair in enumerate(("GH", "GI", "GJ", "HI", "HJ", "IJ"))
 )
+
+
+def with_datum_points(points: str, names: str) -> str:
+    """Return a table of points with a column of datum points."""
+    head, *rows = points.splitlines()
+    flagged = (f"{r},{'yes' if r[0] in names else ''}" for r in rows)
+    return "\n".join([f"{head},datum", *flagged, ""])
+
+
 CHECKING = {
     "no datum": (
         {"points": POINTS.replace(",xyz", ",")},
@@ -539,8 +548,8 @@ CHECKING = {
         "(A, B, C, D, E, F, … (7 in all)), and nothing holds its x, y, z: observe between them, "
         "or give it control",
     ),
-    "a point that nothing observes": (
-        {"points": POINTS + "G,1,2,3,\n"},
+    "a datum point that nothing observes": (
+        {"points": with_datum_points(POINTS + "G,1,2,3,\n", "G")},
         "points.csv:8: point 'G': no observation: observe it, hold it (column fixed), take it "
         "out, or adjust --leave-out-undetermined",
     ),
@@ -628,8 +637,12 @@ def test_unknowns_that_nothing_depends_on_are_named(tmp_path):
     assert problems(path) == [f"refraction group 'north': {what}", f"distance meter 'EDM': {what}"]
 
 
-def test_points_are_found_idle_together(tmp_path):
-    path = write(tmp_path, points=LOOSE)
+def test_points_that_nothing_observes_are_listed_and_no_problem(tmp_path):
+    assert problems(write(tmp_path, points=LOOSE)) == []
+
+
+def test_datum_points_are_found_idle_together(tmp_path):
+    path = write(tmp_path, points=with_datum_points(LOOSE, "GHIJ"))
     assert problems(path)[0].startswith("points.csv:8: points 'G', 'H', 'I', 'J': no observation")
 
 

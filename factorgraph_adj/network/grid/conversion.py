@@ -101,6 +101,7 @@ def from_grid(
             geoid or grid is missing, a point is outside of it, or something counts from axes of
             the grid and cannot be converted; all is listed.
     """
+    network = network.with_listed_points()
     stated = network.crs if crs is None else reference_system(crs)
     if stated is None:
         raise InputError(

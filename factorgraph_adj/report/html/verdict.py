@@ -83,6 +83,7 @@ def adjustment_verdict(report: Report, t: Texts) -> Verdict:
         _controlled(report, t),
         *_of_network(report, t),
         *_unknowns_left_out(report, t),
+        *_listed(report, t),
         *_parameters(report, t),
         *_check(report, t),
     ]
@@ -244,6 +245,15 @@ def _of_network(report: Report, t: Texts) -> list[Light]:
     rest = [d for d in report.doubts if d not in told]
     assert set(doubts_of_network(report.network)) <= set(rest) | told
     return [Light("red", t("light_input"), t("light_input_text"), d, "inputs") for d in rest]
+
+
+def _listed(report: Report, t: Texts) -> list[Light]:
+    """Return how many points only a list has."""
+    names = list(report.network.listed_points)
+    if not names:
+        return []
+    text = t.number("light_listed_text", len(names), names=listed(names, MAX_NAMES_IN_LIGHT))
+    return [Light("none", t("light_listed"), text)]
 
 
 def _unknowns_left_out(report: Report, t: Texts) -> list[Light]:
