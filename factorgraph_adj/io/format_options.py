@@ -128,12 +128,21 @@ def fitting_options(
     return out
 
 
-def option_text(name: str, value: str) -> str:
+def option_text(name: str, value: str | Sequence[str]) -> str:
     """Return how an option is given to the function and to the command, for messages.
 
     >>> option_text("fixed", "A,B")
     'fixed=A,B (--set fixed=A,B)'
+    >>> option_text("repeated", "leave out")
+    "repeated='leave out' (--set 'repeated=leave out')"
+    >>> option_text("sigma_gcp", ("0.01", "0.02"))
+    "sigma_gcp=(0.01, 0.02) (--set 'sigma_gcp=[0.01, 0.02]')"
     """
+    if not isinstance(value, str):
+        inside = ", ".join(value)
+        return f"{name}=({inside}) (--set '{name}=[{inside}]')"
+    if " " in value:
+        return f"{name}={value!r} (--set '{name}={value}')"
     return f"{name}={value} (--set {name}={value})"
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..adjustment import adjust
-from ..errors import AdjustmentError, InputError
+from ..errors import AdjustmentError
 from ..graph.equations import compile_network
 from ..graph.observation_selection import without
 from ..network.network import Network
@@ -343,14 +343,14 @@ class SnoopingSearch:
         """Return the removed points whose rays intersect: T² of the intersection passes."""
         predictor = Predictor(self.equations, self.solution)
         pope, f = self.test == "pope", self.solution.redundancy
-        out = []
+        wanted = {}
         for name, point in self.points.items():
             rows = np.sort(np.concatenate(self.equations.find(point.rays)))
-            if len(rows) <= 3 or set(point.rays) & set(self.readmitted):
-                continue
-            try:
-                found = predictor.intersect(name, self.coordinates[name], rows)
-            except InputError:
+            if len(rows) > 3 and not set(point.rays) & set(self.readmitted):
+                wanted[name] = self.coordinates[name], rows
+        out = []
+        for name, found in predictor.intersections(wanted).items():
+            if found is None:
                 continue
             limit = chi2_quantile(1.0 - self.alpha, found.dof)
             if pope:

@@ -215,6 +215,33 @@ def test_a_point_that_went_is_intersected_from_its_rays(error):
     assert found.coordinates == pytest.approx(full.point("P9"), abs=1e-3 * 0.001)
 
 
+def test_points_that_are_intersected_together_are_those_one_by_one():
+    """A point without a place is lost, and its neighbours are not."""
+    network = small_block(4)
+    seen = network.images.columns()[1]
+    names = list(network.points)
+    gone = [n for n in names if (seen == names.index(n)).sum() > 1][-4:]
+    less = adjust(without(network, [], points=gone))
+    equations = compile_network(network)
+    predictor = Predictor(equations, less)
+    photos = list(network.photos)
+    photo, point, *_ = network.images.columns()
+    wanted = {}
+    for n in gone:
+        ids = [f"{photos[f]}/{n}" for f in photo[point == names.index(n)].tolist()]
+        rows = np.sort(np.concatenate(equations.find(ids)))
+        wanted[n] = np.array(network.points[n].coordinates) + 0.01, rows
+    lost = dict(wanted) | {gone[0]: (np.full(3, np.nan), wanted[gone[0]][1])}
+    together, others = predictor.intersections(wanted), predictor.intersections(lost)
+    assert list(together) == gone and others[gone[0]] is None
+    for n, (start, rows) in wanted.items():
+        alone = predictor.intersect(n, start, rows)
+        for found in (together[n], *([others[n]] if n != gone[0] else [])):
+            assert found.coordinates == pytest.approx(alone.coordinates, abs=1e-9)
+            assert found.t2 == pytest.approx(alone.t2, rel=1e-9)
+            assert found.dof == alone.dof
+
+
 def test_rows_of_observations_are_found_by_id():
     equations = compile_network(small_block(4))
     ids = [equations.id(r) for r in range(equations.n_rows)]

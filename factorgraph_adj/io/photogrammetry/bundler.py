@@ -51,6 +51,7 @@ from .block_source import (
     rotation_and_scale,
     whole_number,
 )
+from .ground_control import place_by_positions
 
 BAL_SIGMA_PX = 1.0
 """Standard deviation of an image coordinate, pixels; the cost of the format, ½ vᵀv, implies 1."""
@@ -288,8 +289,11 @@ def read_bundler(
     images: str | Path | None = None,
     sigma_px: float = 1.0,
     behind: Literal["leave out", "keep"] = "leave out",
+    positions: str | Path | None = None,
+    sigma_positions: tuple[float, float] | None = None,
+    positions_system: str | None = None,
 ) -> Network:
-    """Read a reconstruction of Bundler as a free network.
+    """Read a reconstruction of Bundler, as a free network or by positions of its photos.
 
     Every photo has a camera of its own with unknown c, k1, k2, as in Bundler; image coordinates
     are pixels from the centre of the image, x right, y up. Cameras that were not registered
@@ -302,6 +306,12 @@ def read_bundler(
         images: a list of the names of the images, one a line (list.txt); None: their numbers.
         sigma_px: standard deviation of image coordinates, pixels; the format has none.
         behind: what to do with views of points behind the camera.
+        positions: list of observed positions of photos, which places the model on the Earth:
+            geo.txt of ODM, or a table, see `io.photogrammetry.coordinate_lists`; None: the model
+            is free.
+        sigma_positions: standard deviations of positions without accuracies, horizontal and
+            vertical, metres.
+        positions_system: reference system of a table of positions that states none.
 
     Raises:
         InputError: the file has problems, each with file and line.
@@ -347,7 +357,7 @@ def read_bundler(
         )
     gathered.into(network)
     problems.finish(network)
-    return network
+    return place_by_positions(network, positions, sigma=sigma_positions, system=positions_system)
 
 
 def is_bal(path: Path) -> bool:

@@ -11,13 +11,13 @@ import numpy as np
 
 from ...entities import Point
 from ...errors import InputError, LeftOut, Problem, known
-from ...frames import TopocentricFrame
 from ...models.similarity import Similarity
 from ...network.network import Network
 from ...observations.positions import PhotoPosition
 from ...rotation import TURN_ABOUT_X, log_rotation
 from ...start.image_axes import problems_of_marks
 from ...types import Array
+from ..format_options import option_text
 from ..format_reader import NetworkReader, Reader
 from ..source import Problems
 from .colmap_binary_files import read_binary_model
@@ -40,10 +40,9 @@ from .colmap_reference import (
     keypoint_scales,
     mark_rays,
     ray_intersection,
-    similarity_of_points,
 )
 from .colmap_text_files import read_text_model
-from .ground_control import read_block_reference
+from .ground_control import BlockReference, read_block_reference, similarity_or_problem
 
 CalibrationChoice = Literal["colmap", "all", "held"]
 """Which parameters of the cameras are unknown."""
@@ -197,7 +196,7 @@ def read_colmap(
         )
         tables = ModelTables(reference.control, reference.marks, reference.priors)
     made = _Assembly(model, tables, float(sigma), by_scale, calibration, mounts, repeated)
-    network = made.network(folder.name, None if reference is None else reference.frame)
+    network = made.network(folder.name, reference)
     if reference is not None:
         network.add(*reference.observations)
     problems.finish(network)
@@ -228,11 +227,12 @@ class _Assembly:
     mounts: MountChoice
     repeated: RepeatedChoice
 
-    def network(self, name: str, frame: TopocentricFrame | None = None) -> Network:
+    def network(self, name: str, reference: BlockReference | None = None) -> Network:
         """Return the network."""
         model, tables = self.model, self.tables
         free = not tables.control and not tables.priors
-        moved = IDENTITY_SIMILARITY if free else self._similarity()
+        moved = IDENTITY_SIMILARITY if free else self._similarity(reference)
+        frame = None if reference is None else reference.frame
         network = Network(datum="free" if free else "given", frame=frame)
         number_of = {p.number: i for i, p in enumerate(model.points)}
         xyz = np.array([p.xyz for p in model.points]).reshape(-1, 3)
@@ -282,11 +282,11 @@ class _Assembly:
         at = np.where(np.isfinite(given), given, found)
         network.points[point.name] = replace(point, coordinates=tuple(at.tolist()))
 
-    def _similarity(self) -> Similarity:
+    def _similarity(self, reference: BlockReference | None) -> Similarity:
         """Return the similarity from the model to the system of the tables.
 
         Raises:
-            InputError: the tables do not determine it.
+            InputError: the tables do not determine it, or exchange x and y.
         """
         images = {i.name: i for i in self.model.images}
         x, to = [], []
@@ -308,15 +308,10 @@ class _Assembly:
             if at is not None:
                 x.append(at)
                 to.append(point.coordinates)
-        found = similarity_of_points(np.array(x).reshape(-1, 3), np.array(to).reshape(-1, 3))
-        if found is None:
-            what = (
-                f"control points and positions of photos give {len(x)} places, which do not carry "
-                "the model over to their system; valid: three or more, not on a line, each of a "
-                "photo, of a 3-D point, or of a control point with marks in two images"
-            )
-            raise InputError(Problem(what, "colmap"))
-        return found
+        block, there = np.array(x).reshape(-1, 3), np.array(to).reshape(-1, 3)
+        if reference is not None:
+            reference.refuse_exchanged_order(block, there)
+        return similarity_or_problem(block, there, "colmap")
 
     # -- cameras and photos -------------------------------------------------------------------
 
@@ -462,7 +457,7 @@ class _Assembly:
                     several = known(numbers[count > 1].tolist())
                     what = (
                         f"image {image.name!r} measures a point several times: points {several}; "
-                        'repeated="leave out" leaves these measurements out'
+                        f"{option_text('repeated', 'leave out')} leaves these measurements out"
                     )
                     problems.append(Problem(what, image.where))
                     continue

@@ -25,6 +25,7 @@ from ...start.image_rays import nearest_to_rays
 from ...types import Array
 from ...units import LENGTH
 from ..csv_tables import CsvTable, FieldRow, read_table
+from ..format_options import option_text
 from ..numbers import Units
 from ..unknowns_tables import UnknownsReader, check_columns
 from .colmap_cameras import CAMERA_MODEL_BY_NAME
@@ -272,7 +273,7 @@ class ModelTables:
         measured_photos = {m.photo for m in measured}
         present = {n for n, has in seen.items() if has or n in measured_photos}
         if unregistered == "refuse":
-            hint = '; unregistered="leave out" leaves such rows out'
+            hint = f"; {option_text('unregistered', 'leave out')} leaves such rows out"
             rows = [(m.photo, m.where) for m in measured]
             rows += [(p.photo, p.where) for p in positions]
             problems += [

@@ -10,6 +10,11 @@ A list names its system in the first line as ODM and OpenSfM do: ``WGS84``, ``EP
   drones. `COLUMN_NAMES` has the names of columns.
 
 Angles of drones are not read: bundle adjustment determines them better by far.
+
+Ground control and positions come with the same mistakes: another zone or system, and x and y in the
+other order. A place far from the frame of a block shows the first. The second makes a mirror image
+of the figure that the block has of the same places, which a similarity fits badly, and well after
+an exchange.
 """
 
 from __future__ import annotations
@@ -25,7 +30,9 @@ import numpy as np
 from ...crs.reference_system import ReferenceSystem
 from ...errors import InputError, Problem
 from ...frames import TopocentricFrame
+from ...models.similarity import extent_ratio, fit_similarity, reduced
 from ...types import Array
+from ..format_options import option_text
 from ..source import LeftOutReason, Problems, TextSource, is_unread
 
 ANGLES_NOT_READ = LeftOutReason(
@@ -56,6 +63,24 @@ COLUMN_NAMES = {
     ),
 }
 """Names of columns in small letters, by what they are."""
+MAX_DISTANCE_FROM_FRAME_M = 100e3
+"""Largest level distance of a listed place from the origin of the frame of its block, metres."""
+MIN_PLACES_OF_ORDER = 4
+"""Smallest number of places that show an exchange: three fit a mirror image, too."""
+MIN_MISFIT_OF_ORDER = 1e-3
+"""Smallest misfit, relative to the extent of the places, that an exchange may explain."""
+MAX_MISFIT_SHARE_EXCHANGED = 0.3
+"""Largest share of the misfit that is left after an exchange that explains it. Errors of positions
+leave as much in both orders: they make no share smaller than about 1."""
+ORDER_OF_LINES = (
+    "longitude or easting comes first, and the first line of the list names the system and its zone"
+)
+"""What tells the coordinates of a list of lines apart."""
+ORDER_OF_COLUMNS = (
+    "columns named longitude and latitude, or x (easting) and y (northing); the system and its "
+    "zone are those of the first line, or of positions_system"
+)
+"""The same of a table with a header."""
 WKT_LINE = "coordinatesystem:"
 """Beginning of the line in which Metashape states its system, behind #."""
 DEGREES_IN_WORDS = re.compile(r"(\d+(?:\.\d+)?) deg (\d+(?:\.\d+)?)' (\d+(?:\.\d+)?)\"\s*([NSEW]?)")
@@ -100,6 +125,21 @@ class ListSystem:
         there = frame.from_geocentric(ellipsoid.to_cartesian(latitude, longitude, at[:, 2]))
         return np.asarray(there[0])
 
+    def exchanged(self, frame: TopocentricFrame, places: Array) -> Array:
+        """Return places in a frame (n, 3) with x and y of the list exchanged; NaN: invalid."""
+        if self.grid is not None:
+            listed = self.grid.from_frame(frame, places)
+        else:
+            latitude, longitude, height = frame.geodetic(places)
+            listed = np.column_stack([np.rad2deg(longitude), np.rad2deg(latitude), height])
+        out = np.full(places.shape, np.nan)
+        for i, (x, y, z) in enumerate(listed.tolist()):
+            try:
+                out[i] = self.place(frame, (y, x, z))
+            except InputError:  # it is no place in the system
+                break
+        return out
+
     @staticmethod
     def _check(at: Array) -> None:
         if not (abs(at[1]) <= 90 and abs(at[0]) <= 360):
@@ -136,6 +176,65 @@ def _is_wgs84(words: list[str]) -> bool:
 
 
 @dataclass(frozen=True)
+class ListedSystem:
+    """System and order of the coordinates of a list, for places of a block."""
+
+    system: ListSystem
+    """The reference system."""
+    order: str
+    """What says which coordinate is which, and in which system they are, in words."""
+    where: str
+    """Name of the file."""
+
+    def place(
+        self, frame: TopocentricFrame, xyz: tuple[float, float, float]
+    ) -> tuple[float, float, float]:
+        """Return a listed place in the frame of a block.
+
+        Raises:
+            InputError: it is no place, or more than `MAX_DISTANCE_FROM_FRAME_M` away.
+        """
+        x, y, z = self.system.place(frame, xyz).tolist()
+        if not np.hypot(x, y) <= MAX_DISTANCE_FROM_FRAME_M:
+            away = np.linalg.norm([x, y, z]) / 1e3
+            origin = f"{np.rad2deg(frame.latitude):g}°, {np.rad2deg(frame.longitude):g}°"
+            what = f"lies {away:.0f} km from latitude, longitude {origin} of the frame"
+            valid = f"up to {MAX_DISTANCE_FROM_FRAME_M / 1e3:.0f} km; {self.order}"
+            raise InputError(Problem(f"{what}; valid: {valid}"))
+        return x, y, z
+
+    def problem_of_order(self, frame: TopocentricFrame, block: Array, listed: Array) -> str:
+        """Return what shows that x and y of the list are exchanged; empty: nothing does.
+
+        Args:
+            frame: frame of the listed places.
+            block: places as the block has them, of any scale and place, (n, 3).
+            listed: the same places as the list has them, in the frame, (n, 3).
+        """
+        if len(block) < MIN_PLACES_OF_ORDER or not extent_ratio(block) > MIN_MISFIT_OF_ORDER:
+            return ""
+        stated = _relative_misfit(block, listed)
+        if not stated > MIN_MISFIT_OF_ORDER:
+            return ""
+        other = _relative_misfit(block, self.system.exchanged(frame, listed))
+        if not other < MAX_MISFIT_SHARE_EXCHANGED * stated:
+            return ""
+        return (
+            f"its {len(block)} places fit those of the block to {100 * stated:.2g} % of their "
+            f"extent, and with x and y exchanged to {100 * other:.2g} %; valid: {self.order}"
+        )
+
+
+def _relative_misfit(x: Array, to: Array) -> float:
+    """Return the root mean square misfit of a similarity, relative to the extent of the places."""
+    if not np.isfinite(to).all():
+        return np.inf
+    by = fit_similarity(x, to)
+    size = float(np.linalg.norm(reduced(to)))
+    return float(np.linalg.norm(by.of(x) - to)) / size if size > 0 and by.scale > 0 else np.inf
+
+
+@dataclass(frozen=True)
 class ListedPosition:
     """Position of a photo in a list."""
 
@@ -153,8 +252,8 @@ class ListedPosition:
 class PositionList:
     """List of positions of photos."""
 
-    system: ListSystem
-    """Its reference system."""
+    listed: ListedSystem
+    """Its reference system, and the order of its coordinates."""
     positions: list[ListedPosition]
     """The positions."""
 
@@ -189,7 +288,8 @@ def read_positions(path: Path, problems: Problems, *, system: str | None = None)
     found = source.attempt(line, list_system, text.strip())
     source.raise_all()
     assert found is not None
-    return PositionList(found, [p for row in rows[1:] if (p := _of_geo_line(source, *row))])
+    listed = ListedSystem(found, ORDER_OF_LINES, path.name)
+    return PositionList(listed, [p for row in rows[1:] if (p := _of_geo_line(source, *row))])
 
 
 def _of_geo_line(source: TextSource, line: int, text: str) -> ListedPosition | None:
@@ -243,7 +343,8 @@ def _of_table(
         known = "; ".join(f"{n}: {', '.join(COLUMN_NAMES[n])}" for n in lacking)
         source.wrong(line, f"the header has no column for {', '.join(lacking)}; valid: {known}")
     if not geographic and system is None:
-        what = "the table states no reference system; valid: positions_system='EPSG:…'"
+        option = option_text("positions_system", "EPSG:…")
+        what = f"the table states no reference system; valid: {option}"
         source.wrong(line, what)
     source.raise_all()
     used = source.attempt(line, list_system, system or "WGS84")
@@ -260,7 +361,7 @@ def _of_table(
         position = _of_row(source, number, given, plan)
         if position is not None:
             out.append(position)
-    return PositionList(used, out)
+    return PositionList(ListedSystem(used, ORDER_OF_COLUMNS, source.path.name), out)
 
 
 def _of_row(

@@ -7,8 +7,8 @@ a topocentric frame in the middle of what the lists have.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,23 +16,24 @@ import numpy as np
 from ...entities import Point
 from ...errors import InputError, Problem
 from ...frames import TopocentricFrame
+from ...models.similarity import Similarity
 from ...network.network import Network
-from ...observations import ControlPoint, Observation
+from ...observations import ControlPoint, Observation, PhotoPosition
+from ...types import Array
+from ..format_options import option_text
 from ..source import LeftOutReason, Problems
 from .block_source import MARKS_WITHOUT_PHOTO
-from .colmap_reference import ControlMark, PositionPrior
+from .colmap_reference import ControlMark, PositionPrior, similarity_of_points
 from .coordinate_lists import (
     LOST_POSITIONS,
     POSITIONS_WITHOUT_PHOTO,
-    ListSystem,
+    ListedSystem,
     PositionList,
     list_system,
     read_positions,
 )
 from .opensfm_elements import GroundControlPoint, read_gcp_list
 
-MAX_CONTROL_DISTANCE_M = 100e3
-"""Largest level distance of ground control from the origin of a reconstruction, metres."""
 UNSEEN_CONTROL = LeftOutReason("control points", "no image of the model shows them")
 POSITIONS_WITHOUT_HEIGHT = LeftOutReason("positions", "they have no height")
 
@@ -40,25 +41,21 @@ POSITIONS_WITHOUT_HEIGHT = LeftOutReason("positions", "they have no height")
 def add_ground(
     network: Network,
     frame: TopocentricFrame,
-    system: ListSystem,
+    listed: ListedSystem,
     point: GroundControlPoint,
     sigma: tuple[float, float],
 ) -> None:
-    """Add a ground control point or check point; a height of NaN is unknown."""
+    """Add a ground control point or check point; a height of NaN is unknown.
+
+    Raises:
+        InputError: its place is none in the system, or far from the frame (`ListedSystem.place`).
+    """
     if point.xyz is None:
         network.add_point(point.name)
         return
     x, y, height = point.xyz
     known = not np.isnan(height)
-    at = tuple(system.place(frame, (x, y, height if known else frame.height)).tolist())
-    if np.hypot(at[0], at[1]) > MAX_CONTROL_DISTANCE_M:
-        away = np.linalg.norm(at) / 1e3
-        origin = f"{np.rad2deg(frame.latitude):g}°, {np.rad2deg(frame.longitude):g}°"
-        what = f"lies {away:.0f} km from latitude, longitude {origin} of the frame"
-        need = "longitude or easting comes first, and the first line of the list names the zone"
-        raise InputError(
-            Problem(f"{what}; valid: up to {MAX_CONTROL_DISTANCE_M / 1e3:.0f} km; {need}")
-        )
+    at = listed.place(frame, (x, y, height if known else frame.height))
     if point.check:
         network.add_point(point.name, check=at if known else (*at[:2], np.nan))
         return
@@ -88,6 +85,34 @@ class BlockReference:
     """Their image coordinates."""
     priors: list[PositionPrior] = field(default_factory=list)
     """Positions of photos."""
+    listed_control: ListedSystem | None = None
+    """System and order of the list of ground control; None: there is none."""
+    listed_positions: ListedSystem | None = None
+    """The same of the list of positions."""
+
+    def refuse_exchanged_order(self, block: Array, listed: Array) -> None:
+        """Refuse lists whose places fit a block with x and y exchanged only.
+
+        Args:
+            block: places in the block, of photos with positions first, then of control, (n, 3).
+            listed: the same places in the frame, (n, 3).
+
+        Raises:
+            InputError: `ListedSystem.problem_of_order` of both lists.
+        """
+        first = len(self.priors)
+        parts = (
+            (self.listed_positions, slice(None, first)),
+            (self.listed_control, slice(first, None)),
+        )
+        problems = [
+            Problem(what, of.where)
+            for of, rows in parts
+            if of is not None
+            and (what := of.problem_of_order(self.frame, block[rows], listed[rows]))
+        ]
+        if problems:
+            raise InputError(problems)
 
 
 def read_block_reference(
@@ -128,7 +153,7 @@ def read_block_reference(
         places = [p.xyz for p in ground.points if p.xyz is not None]
     else:
         assert listed is not None
-        where, system = Path(str(positions)).name, listed.system
+        where, system = listed.listed.where, listed.listed.system
         places = [p.xyz for p in listed.positions]
     problems.raise_all()
     assert system is not None
@@ -143,8 +168,10 @@ def read_block_reference(
     assert frame is not None
     out = BlockReference(frame)
     if ground is not None:
-        _add_control(out, ground.points, system, known, problems, sigma_gcp, sigma_gcp_px)
+        out.listed_control = ListedSystem(system, ground.order, Path(str(gcp)).name)
+        _add_control(out, ground.points, known, problems, sigma_gcp, sigma_gcp_px)
     if listed is not None:
+        out.listed_positions = listed.listed
         out.priors = listed_priors(listed, frame, known.names, problems, sigma_positions)
     problems.raise_all()
     return out
@@ -170,14 +197,14 @@ class _ImageNames:
 def _add_control(
     out: BlockReference,
     points: Iterable[GroundControlPoint],
-    system: ListSystem,
     images: _ImageNames,
     problems: Problems,
     sigma: tuple[float, float],
     sigma_px: float,
 ) -> None:
     """Add control points that images of the block show."""
-    network = Network(frame=out.frame)
+    network, listed = Network(frame=out.frame), out.listed_control
+    assert listed is not None
     for point in points:
         marks = []
         for photo, x, y, normalised, where in point.marks:
@@ -197,7 +224,7 @@ def _add_control(
             what = f"control point {point.name!r} is measured twice in image {mark.photo!r}"
             problems.wrong(what, mark.where)
         with problems.collect(point.where):
-            add_ground(network, out.frame, system, point, sigma)
+            add_ground(network, out.frame, listed, point, sigma)
             out.marks += marks
     out.control = dict(network.points)
     out.observations = list(network.observations.values())
@@ -238,10 +265,97 @@ def listed_priors(
         elif image in out:
             problems.wrong(f"second position of image {image!r}", where)
         elif found is None:
-            what = "has no accuracy; valid: sigma_positions=(horizontal, vertical), metres"
+            option = option_text("sigma_positions", ("horizontal", "vertical"))
+            what = f"has no accuracy; valid: {option}, metres"
             problems.wrong(what, where)
         else:
             with problems.collect(where):
-                x, y, z = listed.system.place(frame, position.xyz).tolist()
-                out[image] = PositionPrior(image, (x, y, z), found, (0.0, 0.0, 0.0), where)
+                at = listed.listed.place(frame, position.xyz)
+                out[image] = PositionPrior(image, at, found, (0.0, 0.0, 0.0), where)
     return list(out.values())
+
+
+def place_by_positions(
+    network: Network,
+    positions: str | Path | None,
+    *,
+    sigma: tuple[float, float] | None,
+    system: str | None,
+) -> Network:
+    """Return a free block of photos in the frame of listed positions of them, which are observed.
+
+    The frame is topocentric, in the middle of the positions; a similarity carries points and poses
+    over, for start values.
+
+    Args:
+        network: the block, as a reader has made it, in coordinates of its own.
+        positions: list of positions; None: the network is returned as it is.
+        sigma: standard deviations of positions without accuracies, horizontal and vertical, metres.
+        system: reference system of a table of positions that states none.
+
+    Raises:
+        InputError: the list cannot be read, or does not determine the similarity.
+    """
+    if positions is None:
+        if sigma is not None or system is not None:
+            raise InputError("sigma_positions and positions_system belong to positions=…")
+        return network
+    problems = Problems()
+    listed = read_positions(Path(positions), problems, system=system)
+    problems.raise_all()
+    at = np.array([p.xyz for p in listed.positions]).reshape(-1, 3)
+    at = at[np.isfinite(at).all(axis=1)]
+    if not len(at):
+        problems.wrong("has no position with a height", listed.listed.where)
+        problems.raise_all()
+    frame = problems.attempt(listed.listed.where, listed.listed.system.frame, at)
+    problems.raise_all()
+    assert frame is not None
+    priors = listed_priors(listed, frame, network.photos, problems, sigma)
+    problems.raise_all()
+    centres = np.array([network.photos[p.photo].position for p in priors]).reshape(-1, 3)
+    to = np.array([p.xyz for p in priors]).reshape(-1, 3)
+    if what := listed.listed.problem_of_order(frame, centres, to):
+        problems.wrong(what, listed.listed.where)
+        problems.raise_all()
+    moved = similarity_or_problem(centres, to, listed.listed.where)
+    out = _carried_over(network, moved, frame)
+    out.add(*(PhotoPosition(p.photo, p.xyz, sigma=p.sigma, source=p.where) for p in priors))
+    problems.finish(out)
+    return out
+
+
+def similarity_or_problem(block: Array, to: Array, where: str) -> Similarity:
+    """Return the similarity that carries a block over to places.
+
+    Raises:
+        InputError: the places do not determine it.
+    """
+    found = similarity_of_points(block, to)
+    if found is None:
+        what = (
+            f"control points and positions of photos give {len(block)} places, which do not carry "
+            "the model over to their system; valid: three or more, not on a line, each of a "
+            "photo, of a 3-D point, or of a control point with marks in two images"
+        )
+        raise InputError(Problem(what, where))
+    return found
+
+
+def _carried_over(network: Network, moved: Similarity, frame: TopocentricFrame) -> Network:
+    """Move points and photos of a block without observed coordinates into a frame."""
+    network.frame, network.datum = frame, "given"
+    for name, point in network.points.items():
+        at = moved.of(np.array(point.coordinates)[None])[0]
+        network.points[name] = replace(point, coordinates=_three(at))
+    for name, photo in network.photos.items():
+        assert photo.position is not None and photo.rotation is not None
+        centre = moved.of(np.array(photo.position)[None])[0]
+        turned = moved.rotation @ photo.rotation
+        network.photos[name] = replace(photo, position=_three(centre), rotation=turned)
+    return network
+
+
+def _three(at: Sequence[float] | Array) -> tuple[float, float, float]:
+    x, y, z = (float(v) for v in at)
+    return x, y, z

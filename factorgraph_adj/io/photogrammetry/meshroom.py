@@ -46,6 +46,7 @@ from .block_source import (
     add_pixel_camera,
     rotation_and_scale,
 )
+from .ground_control import place_by_positions
 
 Version: TypeAlias = tuple[int, ...]
 """Numbers of a version."""
@@ -82,8 +83,11 @@ def read_meshroom(
     *,
     sigma_px: float = 1.0,
     calibration: Literal["optimised", "held"] = "optimised",
+    positions: str | Path | None = None,
+    sigma_positions: tuple[float, float] | None = None,
+    positions_system: str | None = None,
 ) -> Network:
-    """Read a reconstruction of Meshroom as a free network.
+    """Read a reconstruction of Meshroom, as a free network or by positions of its photos.
 
     Photos have the names of their files, or of their views where these are not unique; cameras have
     the numbers of their intrinsics, tie points are named ``tie NUMBER``. Views without a pose and
@@ -95,6 +99,12 @@ def read_meshroom(
         path: the file.
         sigma_px: standard deviation of image coordinates, pixels.
         calibration: whether the parameters of intrinsics that are not locked are unknown.
+        positions: list of observed positions of photos, which places the model on the Earth:
+            geo.txt of ODM, or a table, see `io.photogrammetry.coordinate_lists`; None: the model
+            is free.
+        sigma_positions: standard deviations of positions without accuracies, horizontal and
+            vertical, metres.
+        positions_system: reference system of a table of positions that states none.
 
     Raises:
         InputError: the file has problems, each with file and line: rigs, other intrinsics and
@@ -122,7 +132,7 @@ def read_meshroom(
     images.leave_out(network, [n for n in network.points if seen.get(n, 0) < 2])
     images.into(network)
     problems.finish(network)
-    return network
+    return place_by_positions(network, positions, sigma=sigma_positions, system=positions_system)
 
 
 def _list(root: JsonNode, key: str) -> list[JsonNode]:

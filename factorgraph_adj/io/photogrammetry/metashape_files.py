@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from ...errors import InputError, Problem, known
 from ...files import inside, opened, refuse_growth, unpacked
+from ..format_options import option_text
 from ..xml_files import Element, parse_xml, read_xml
 
 MAX_HEADER_BYTES = 10_000
@@ -224,7 +225,11 @@ def _chunk(place: ElementPlace, wanted: str | int | None) -> ElementPlace:
         raise InputError(Problem("has no chunk", place.where(root)))
     valid = known([f"{label!r} ({n})" for label, n in zip(labels, numbers, strict=True)])
     what = "has several chunks" if wanted is None else f"has no single chunk {wanted!r}"
-    raise InputError(Problem(f"{what}; choose one with chunk=; valid: {valid}", place.file))
+    raise InputError(
+        Problem(
+            f"{what}; choose one with {option_text('chunk', 'NAME')}; valid: {valid}", place.file
+        )
+    )
 
 
 def _frame(chunk: ElementPlace) -> ElementPlace | None:

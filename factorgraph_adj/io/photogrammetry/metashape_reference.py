@@ -17,6 +17,7 @@ from ...ellipsoid import ELLIPSOIDS
 from ...errors import InputError, Problem
 from ...frames import Frame, LocalFrame, TopocentricFrame
 from ...types import Array
+from ..format_options import option_text
 from ..source import Problems, is_unread
 from ..xml_files import Element
 from .block_source import rotation_and_scale, wkt_unit_length
@@ -234,7 +235,7 @@ def chunk_reference(
             raise InputError(what)
         return Grid(system, system.frame_at(given))
     except InputError as error:
-        hint = "crs='local' takes the coordinates as they are"
+        hint = f"{option_text('crs', 'local')} takes the coordinates as they are"
         raise InputError([Problem(f"{p.what}; {hint}", where) for p in error.problems]) from None
 
 

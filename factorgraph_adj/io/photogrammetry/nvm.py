@@ -29,6 +29,7 @@ from ...models.lens import BrownLens, Lens, NormalisedLens
 from ...network.network import Network
 from ...rotation import rotation_of_quaternion
 from ...types import Array
+from ..format_options import option_text
 from ..format_reader import NetworkReader, Reader, begins_with
 from ..source import LeftOutReason, TextSource, is_unread
 from .block_source import (
@@ -37,6 +38,7 @@ from .block_source import (
     ImagePoints,
     add_pixel_camera,
 )
+from .ground_control import place_by_positions
 
 ProgramChoice = Literal["visualsfm", "colmap"]
 """Program that wrote a file: COLMAP has another origin and another distortion."""
@@ -61,8 +63,11 @@ def read_nvm(
     program: ProgramChoice | None = None,
     principal_point: tuple[float, float] | None = None,
     repeated: Literal["refuse", "leave out"] = "refuse",
+    positions: str | Path | None = None,
+    sigma_positions: tuple[float, float] | None = None,
+    positions_system: str | None = None,
 ) -> Network:
-    """Read a model of VisualSFM as a free network.
+    """Read a model of VisualSFM, as a free network or by positions of its photos.
 
     Every photo has a camera of its own with unknown c and k1, as in VisualSFM; with ``FixedK`` all
     have one camera that is held. VisualSFM counts image coordinates from the centre of the image,
@@ -81,6 +86,12 @@ def read_nvm(
             for ``program="colmap"``: half the size of the image.
         repeated: what to do with a point that is measured several times in one photo, of which one
             measurement at most is right: refuse the file, or leave all of them out.
+        positions: list of observed positions of photos, which places the model on the Earth:
+            geo.txt of ODM, or a table, see `io.photogrammetry.coordinate_lists`; None: the model
+            is free.
+        sigma_positions: standard deviations of positions without accuracies, horizontal and
+            vertical, metres.
+        positions_system: reference system of a table of positions that states none.
 
     Raises:
         InputError: the file has problems, each with file and line.
@@ -91,11 +102,13 @@ def read_nvm(
         valid = ", ".join(get_args(ProgramChoice))
         raise InputError(f"program must be one of {valid}, not {program!r}")
     if (program == "colmap") != (principal_point is not None):
-        raise InputError("program='colmap' and principal_point are given together, or neither")
+        raise InputError("program=colmap and principal_point are given together, or neither")
     if repeated not in ("refuse", "leave out"):
         raise InputError(f"repeated must be refuse or leave out, not {repeated!r}")
     reading = _Reading(TextSource(path), sigma_px, program, principal_point, repeated)
-    return reading.network(model)
+    return place_by_positions(
+        reading.network(model), positions, sigma=sigma_positions, system=positions_system
+    )
 
 
 class _Reading:
@@ -221,8 +234,9 @@ class _Reading:
                 self.source.wrong(
                     0,
                     "no image coordinate is negative: they seem to count from the upper left "
-                    "corner, as COLMAP writes them; say program='colmap' and principal_point=(x, y)"
-                    ", half the size of the images, or program='visualsfm'",
+                    f"corner, as COLMAP writes them; say {option_text('program', 'colmap')} and "
+                    f"{option_text('principal_point', ('x', 'y'))}, half the size of the images, "
+                    f"or {option_text('program', 'visualsfm')}",
                 )
 
     def _photo(self, network: Network, line: int, words: list[str]) -> str | None:
@@ -299,7 +313,9 @@ class _Reading:
         for photo in [p for p, seen in rays.items() if len(seen) > 1]:
             if self.repeated == "refuse":
                 what = f"photo {photo!r} measures the point {len(rays[photo])} times; "
-                self.source.wrong(line, what + "repeated='leave out' leaves them out")
+                self.source.wrong(
+                    line, f"{what}{option_text('repeated', 'leave out')} leaves them out"
+                )
             else:
                 for _ in rays.pop(photo):
                     self.source.leave_out(line, REPEATED_RAYS, f"{photo} {name}")

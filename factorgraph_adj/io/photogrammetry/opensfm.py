@@ -16,6 +16,7 @@ from ...network.network import Network
 from ...observations import ControlPoint, PhotoPosition
 from ...rotation import exp_rotation
 from ...types import Array
+from ..format_options import option_text
 from ..format_reader import NetworkReader, Reader
 from ..json_files import JsonNode, parse_json
 from ..source import LeftOutReason, Problems, is_unread
@@ -29,7 +30,7 @@ from .block_source import (
     add_pixel_camera,
     filled_lines,
 )
-from .coordinate_lists import list_system, read_positions
+from .coordinate_lists import ListedSystem, list_system, read_positions
 from .ground_control import add_ground, listed_priors
 from .opensfm_elements import (
     GroundControlList,
@@ -50,7 +51,7 @@ CORRECTED = (
     "they are those of photos that stand still"
 )
 OTHER_RECONSTRUCTION = LeftOutReason(
-    "reconstructions", "one is read at a time: reconstruction=… chooses"
+    "reconstructions", f"one is read at a time: {option_text('reconstruction', 'NUMBER')} chooses"
 )
 MARKS_ELSEWHERE = LeftOutReason("marks of known points", "another reconstruction has their photos")
 
@@ -78,9 +79,11 @@ def read_opensfm(
     """Read a reconstruction of OpenSfM or ODM with its tracks and ground control.
 
     Beside reconstruction.json lie tracks.csv, reference_lla.json (the origin of the topocentric
-    frame) and gcp_list.txt or ground_control_points.json; they are read where they exist. Image
-    coordinates are pixels from the upper left corner. Tracks without a reconstructed point, and
-    photos that are not in the reconstruction, are left out. Tracks are named ``tie NUMBER``.
+    frame) and gcp_list.txt or ground_control_points.json; the latter two are read where they exist.
+    Without tracks.csv no tie point has image coordinates: a reconstruction with points is refused
+    then. Image coordinates are pixels from the upper left corner. Tracks without a reconstructed
+    point, and photos that are not in the reconstruction, are left out. Tracks are named
+    ``tie NUMBER``.
 
     Ground control is in WGS84 (longitude, latitude, height), WGS84 UTM 32N, EPSG:… or +proj=…
     (the latter three need pyproj); heights are ellipsoidal. Points whose name begins with CHK-
@@ -149,7 +152,14 @@ def read_opensfm(
     _points(network, root, problems)
     images = ImagePoints(problems)
     beside = source.parent / "tracks.csv"
-    if tracks is not None or beside.exists():
+    if tracks is None and network.points and not beside.exists():
+        what = (
+            f"the image coordinates of its {len(network.points)} tie points are in {beside.name}, "
+            "which does not lie beside it; give that file there, or "
+            f"{option_text('tracks', 'PATH')}"
+        )
+        problems.wrong(what, source.name)
+    elif tracks is not None or beside.exists():
         _tracks(Path(tracks) if tracks else beside, network, images, problems, cameras, sigma_px)
     for name in GROUND_CONTROL_FILES if gcp is None else (str(gcp),):
         listed = Path(name) if gcp is not None else source.parent / name
@@ -159,10 +169,14 @@ def read_opensfm(
             break
     if positions is not None:
         if gps == "observe":
-            raise InputError("positions and gps='observe' exclude each other")
+            raise InputError("positions and gps=observe exclude each other")
         stated = read_positions(Path(positions), problems, system=positions_system)
         if isinstance(network.frame, TopocentricFrame):
             found = listed_priors(stated, network.frame, network.photos, problems, sigma_positions)
+            centres = np.array([network.photos[p.photo].position for p in found]).reshape(-1, 3)
+            to = np.array([p.xyz for p in found]).reshape(-1, 3)
+            if what := stated.listed.problem_of_order(network.frame, centres, to):
+                problems.wrong(what, stated.listed.where)
             network.add(
                 *(PhotoPosition(p.photo, p.xyz, sigma=p.sigma, source=p.where) for p in found)
             )
@@ -399,13 +413,13 @@ def _control(
         problems.wrong(what, ground.where)
         return
     try:
-        system = list_system(ground.system)
+        listed = ListedSystem(list_system(ground.system), ground.order, ground.where.split(":")[0])
     except InputError as error:
         problems.extend([p.at(ground.where) for p in error.problems])
         return
     for point in ground.points:
         with problems.collect(point.where):
-            add_ground(network, frame, system, point, sigma)
+            add_ground(network, frame, listed, point, sigma)
             for photo, x, y, normalised, where in point.marks:
                 if photo not in network.photos:
                     why = MARKS_ELSEWHERE if photo in elsewhere else MARKS_WITHOUT_PHOTO

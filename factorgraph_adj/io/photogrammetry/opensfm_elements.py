@@ -32,8 +32,11 @@ from ..json_files import JsonNode, parse_json
 from ..source import LeftOutReason, Problems, is_unread
 from ..text_files import read_text
 from .block_source import filled_lines
+from .coordinate_lists import ORDER_OF_LINES
 
 MARKS_NOT_MEASURED = LeftOutReason("marks", "they have no image coordinates")
+ORDER_OF_KEYS = "latitude and longitude are degrees of WGS84 under their own keys"
+"""What tells the coordinates of ground_control_points.json apart."""
 CHECK_PREFIX = "CHK-"
 """Beginning of the names of check points."""
 PROJECTION_PARAMETERS = {
@@ -84,6 +87,8 @@ class GroundControlList:
     """The points."""
     where: str
     """File and line of the reference system."""
+    order: str = ORDER_OF_LINES
+    """What tells the coordinates of a point apart."""
 
 
 def read_gcp_list(path: Path, problems: Problems) -> GroundControlList:
@@ -161,7 +166,7 @@ def _read_gcp_json(path: Path, problems: Problems) -> GroundControlList:
                 x, y = at.numbers(2)
                 point.marks.append((mark.need("shot_id").text(), x, y, True, mark.where))
             points.append(point)
-    return GroundControlList("WGS84", points, path.name)
+    return GroundControlList("WGS84", points, path.name, ORDER_OF_KEYS)
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from ...models.lens import NormalisedLens
 from ...models.rolling_shutter import Towards
 from ...network.network import Network
 from ...observations import ControlPoint, PhotoPosition, PointDirection, SlopeDistance
+from ..format_options import option_text
 from ..format_reader import NetworkReader, Reader, beginning_has
 from ..json_files import JsonNode
 from ..source import LeftOutReason, Problems
@@ -173,7 +174,8 @@ class _Cameras:
                         name = listed.get(ident, f"camera {ident}")
                         self.problems.leave_out(PHOTOS_WITHOUT_POSE, name, camera.where)
                 if len(used) > 1 and not self.apart:
-                    what = "a capture of several cameras (a rig) is read with rigs='apart' only"
+                    only = option_text("rigs", "apart")
+                    what = f"a capture of several cameras (a rig) is read with {only} only"
                     raise capture.fail(what)
                 for camera in used:
                     self._photo(camera, poses, listed)
@@ -249,7 +251,7 @@ def _positions(
                 continue
             if "gps-bias" in project.resources:
                 what = "positions have a bias (gps_bias) that cannot be read"
-                raise capture.fail(f"{what}: read with positions='leave out'")
+                raise capture.fail(f"{what}: read with {option_text('positions', 'leave out')}")
             value, sigma = place.need("position").numbers(3), place.need("sigmas").numbers(3)
             network.add(PhotoPosition(photo, value, sigma=sigma, source=place.where))
 

@@ -197,3 +197,20 @@ def test_lost_positions_are_a_doubt_and_all_of_them_a_problem(folder: Path) -> N
     with pytest.raises(InputError, match="positions of photos: 5 of 5 left out") as caught:
         fga.read(folder / "sparse", positions=folder / "none.txt")
     assert "none.txt:2" in str(caught.value)
+
+
+@pytest.mark.parametrize("which", ["gcp", "positions"])
+def test_lists_with_latitude_first_are_refused_by_their_shape(folder: Path, which: str) -> None:
+    """A model of COLMAP has no frame that a place could be far from."""
+    path = folder / {"gcp": "gcp_list.txt", "positions": "geo.txt"}[which]
+    at = {"gcp": 0, "positions": 1}[which]
+    lines = []
+    for line in path.read_text().splitlines():
+        words = line.split()
+        if len(words) > 3:
+            words[at], words[at + 1] = words[at + 1], words[at]
+        lines.append(" ".join(words))
+    path.write_text("\n".join(lines) + "\n")
+    message = rf"^{path.name}: its \d places fit those of the block to .* longitude or easting"
+    with pytest.raises(InputError, match=message):
+        fga.read(folder / "sparse", **{which: path})

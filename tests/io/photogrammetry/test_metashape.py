@@ -375,7 +375,10 @@ def test_accuracies_are_those_of_the_chunk_or_those_that_are_asked_for(tmp_path:
 
 def test_the_chunk_is_the_one_that_is_asked_for(tmp_path: Path) -> None:
     two = chunk().replace("</chunk>", '</chunk><chunk label="other"></chunk>')
-    with pytest.raises(InputError, match=r"has several chunks; choose one with chunk=; valid: 'si"):
+    with pytest.raises(
+        InputError,
+        match=r"has several chunks; choose one with chunk=NAME \(--set chunk=NAME\); valid: 'si",
+    ):
         read(tmp_path, two)
     assert read(tmp_path, two, chunk="site").name == "site"
     with pytest.raises(InputError, match=r"has no single chunk 'third'; .*'other'"):

@@ -257,6 +257,47 @@ def test_ground_control_in_a_grid_is_the_same(folder: Path, system: str) -> None
         assert again.points[name].coordinates == pytest.approx(expected, abs=1e-6)
 
 
+def test_a_reconstruction_without_its_tracks_is_refused(folder: Path) -> None:
+    (folder / "tracks.csv").rename(folder / "other.csv")
+    message = r"reconstruction\.json: the image coordinates of its 9 tie points are in tracks\.csv"
+    with pytest.raises(InputError, match=message) as refused:
+        fga.read(folder / "reconstruction.json")
+    assert "tracks=PATH (--set tracks=PATH)" in str(refused.value)
+    network = fga.read(folder / "reconstruction.json", tracks=folder / "other.csv")
+    assert network.images.size == 4 * (9 + 5)
+
+
+def test_positions_have_the_checks_of_ground_control(folder: Path) -> None:
+    """Another zone and the other order lie far away; an order that stays near is found by shape."""
+    rows = [[f"{i}.jpg", *place] for i, place in enumerate(geographic(CENTRES).tolist())]
+    path = folder / "geo.txt"
+    options = {"positions": path, "sigma_positions": (0.02, 0.03)}
+
+    def written(order: tuple[int, int], shift: float = 0.0) -> None:
+        lines = [f"{r[0]} {r[order[0]] + shift!r} {r[order[1]]!r} {r[3]!r}" for r in rows]
+        path.write_text("\n".join(["EPSG:4326", *lines]) + "\n")
+
+    written((1, 2))
+    assert len(fga.read(folder / "reconstruction.json", **options).observations) == 4 + 4
+    written((2, 1))
+    with pytest.raises(InputError, match=r"geo\.txt:2: lies \d{4} km .* longitude or easting"):
+        fga.read(folder / "reconstruction.json", **options)
+    written((1, 2), 6.0)
+    with pytest.raises(InputError, match=r"geo\.txt:5: lies \d{3} km from latitude, longitude"):
+        fga.read(folder / "reconstruction.json", **options)
+
+
+def test_keys_tell_the_order_of_ground_control_in_json(folder: Path) -> None:
+    """The first line of a list says nothing about ground_control_points.json."""
+    (folder / "gcp_list.txt").unlink()
+    position = {"latitude": LONGITUDE, "longitude": LATITUDE, "altitude": HEIGHT}
+    points = [{"id": "A", "position": position, "observations": []}]
+    (folder / "ground_control_points.json").write_text(json.dumps({"points": points}))
+    with pytest.raises(InputError, match="degrees of WGS84 under their own keys") as refused:
+        fga.read(folder / "reconstruction.json")
+    assert "comes first" not in str(refused.value)
+
+
 def test_an_unknown_system_of_ground_control_is_refused(folder: Path) -> None:
     path = folder / "gcp_list.txt"
     path.write_text(path.read_text().replace("WGS84", "UTM32", 1))
