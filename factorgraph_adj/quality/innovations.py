@@ -19,6 +19,7 @@ from ..graph.equations import Equations
 from ..graph.variables import State
 from ..graph.weights import weigh
 from ..models.unknown_registry import UNKNOWNS, VariableKind
+from ..solve.low_rank_update import covariance_whitener
 from ..solve.solution import Solution
 from ..types import Array, Index, Mask
 
@@ -33,6 +34,15 @@ class LinearInnovations:
     """Partials by the n_columns unknowns of the solution, then by x, y, z of each new point."""
     covariance: csr_array
     """Σ, (k, k)."""
+
+    def whitened(self, solution: Solution) -> tuple[Array, Array]:
+        """Return W v (k,) and W A (k, columns) with W D Wᵀ = I, D = Σ + A Q Aᵀ of a solution."""
+        a = self.a.toarray()
+        known = a[:, : solution.equations.unknowns.n_columns]
+        root = covariance_whitener(
+            self.covariance.toarray() + known @ solution.cofactor_times(known.T)
+        )
+        return root @ self.v, root @ a
 
 
 class Innovations:

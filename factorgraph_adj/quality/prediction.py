@@ -267,7 +267,7 @@ class Predictor:
             rows = np.unique(np.concatenate([points[name][1] for name in left]))
             here = Innovations(self.equations, self.solution, points={p: at[p] for p in left})
             linear = here.linearise(rows)
-            cofactors.include(linear.a.indices[linear.a.indices < n])
+            cofactors.include(np.asarray(linear.a.indices[linear.a.indices < n], dtype=np.intp))
             for i, name in enumerate(left):
                 own = np.searchsorted(rows, points[name][1])
                 a = linear.a[own]

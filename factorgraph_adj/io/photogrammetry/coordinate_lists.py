@@ -130,7 +130,9 @@ class ListSystem:
         if self.grid is not None:
             listed = self.grid.from_frame(frame, places)
         else:
-            latitude, longitude, height = frame.geodetic(places)
+            geodetic = frame.geodetic(places)
+            assert geodetic is not None
+            latitude, longitude, height = geodetic
             listed = np.column_stack([np.rad2deg(longitude), np.rad2deg(latitude), height])
         out = np.full(places.shape, np.nan)
         for i, (x, y, z) in enumerate(listed.tolist()):
