@@ -301,8 +301,8 @@ def read_metashape(
         readout_towards: side of the image to which the readout proceeds.
         sigma_shift: standard deviation of the shift during the readout about that of the file, or
             about zero, metres.
-        sigma_turn: standard deviation of the turn during the readout, radians; None: the turn is
-            held, at zero with "estimate".
+        sigma_turn: standard deviation of the turn during the readout, radians; 0: held; None: 0.01,
+            or held where motions of the file are taken and no camera turns.
 
     Raises:
         InputError: the file has problems, each with file and line.

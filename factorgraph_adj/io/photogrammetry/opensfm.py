@@ -120,7 +120,7 @@ def read_opensfm(
             files of the photos, otherwise unknown: motions are those of the whole readout (1 s).
         readout_towards: side of the image to which the readout proceeds.
         sigma_shift: standard deviation of the shift during the readout, metres.
-        sigma_turn: standard deviation of the turn during the readout, radians; None: no turn.
+        sigma_turn: standard deviation of the turn during the readout, radians; 0: held; None: 0.01.
 
     Raises:
         InputError: a file is missing or has problems, each with file and line.

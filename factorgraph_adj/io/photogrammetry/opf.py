@@ -92,7 +92,8 @@ def read_opf(
         readout_towards: side of the image to which the readout proceeds.
         sigma_shift: standard deviation of the shift during the readout about that of the file, or
             about zero, metres.
-        sigma_turn: standard deviation of the turn during the readout, radians; None: no turn.
+        sigma_turn: standard deviation of the turn during the readout, radians; 0: held; None: 0.01
+            with "estimate", otherwise held, as the format has no turns.
 
     Raises:
         InputError: a file is missing or has problems, each with file and line.

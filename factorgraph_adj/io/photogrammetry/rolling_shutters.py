@@ -10,7 +10,7 @@ of the middle row, see `models.rolling_shutter`.
 A motion that is read or estimated is a weighted unknown: the shift of the whole readout about that
 of the file, or about zero, with a standard deviation that is larger than drones move, so that it
 decides only what image points do not tell; in a network without control and positions it is free.
-Turns are held unless they have a standard deviation.
+Turns are weighted likewise, but held where the model of the file has none.
 """
 
 from __future__ import annotations
@@ -46,6 +46,10 @@ SHIFTS, TURNS = ("x_t", "y_t", "z_t"), ("rx_t", "ry_t", "rz_t")
 """Names of the components of a motion."""
 
 
+SIGMA_TURN = 0.01
+"""Standard deviation of the turn during the readout, radians; gimbals and hands turn by less."""
+
+
 @dataclass(frozen=True)
 class ShutterOptions:
     """Options of readers about rolling shutters."""
@@ -59,7 +63,8 @@ class ShutterOptions:
     sigma_shift: float = 1.0
     """Standard deviation of the shift during the whole readout, metres."""
     sigma_turn: float | None = None
-    """Standard deviation of the turn during it, radians; None: held."""
+    """Standard deviation of the turn during it, radians; 0: held; None: `SIGMA_TURN`, or held where
+    motions of the file are taken and no photo turns."""
 
     def __post_init__(self) -> None:
         """Check the options.
@@ -73,10 +78,11 @@ class ShutterOptions:
         ):
             if word not in words:
                 raise InputError(f"unknown {name} {word!r}; valid: {known(words, meant=word)}")
-        for name in ("readout", "sigma_shift", "sigma_turn"):
+        for name, least in (("readout", "> 0"), ("sigma_shift", "> 0"), ("sigma_turn", "≥ 0")):
             value = getattr(self, name)
-            if value is not None and not (math.isfinite(value) and value > 0):
-                raise InputError(f"{name} must be greater than zero, not {value}")
+            right = value is None or (math.isfinite(value) and value >= 0)
+            if not right or (value == 0 and least == "> 0"):
+                raise InputError(f"{name} must be {least}, not {value}")
 
     @property
     def models_motions(self) -> bool:
@@ -171,9 +177,10 @@ class ShutterMotions:
         kinds = {o.kind for o in network.observations.values()}
         positioned = bool(kinds & {ControlPoint.kind, PhotoPosition.kind})
         deviations = dict.fromkeys(SHIFTS, options.sigma_shift / seconds) if positioned else {}
-        if options.sigma_turn is not None:
-            deviations |= dict.fromkeys(TURNS, options.sigma_turn / seconds)
-        held = TURNS if options.sigma_turn is None else ()
+        turning = self._sigma_turn()
+        if turning:
+            deviations |= dict.fromkeys(TURNS, turning / seconds)
+        held = () if turning else TURNS
         for photo, whole in motions.items():
             network.set_unknown(
                 "photo_motion", photo, (whole / seconds).tolist(), fixed=held, sigma=deviations
@@ -181,7 +188,7 @@ class ShutterMotions:
         zero = options.choice == "estimate"
         begins = "zero" if zero else f"that of the file ({options.choice})"
         weight = f" ± {options.sigma_shift:g} m" if positioned else ", free as the network is"
-        turned = "held" if options.sigma_turn is None else f"± {options.sigma_turn:g} rad"
+        turned = f"± {turning:g} rad" if turning else "held"
         said = (
             f"photos that move during the readout: {len(motions)}; shift of the readout: "
             f"{begins}{weight}, turn: {turned}"
@@ -189,3 +196,10 @@ class ShutterMotions:
         if options.readout is None:
             said += "; its time is unknown: motions are those of the whole readout (1 s)"
         self.problems.remarks.append(said)
+
+    def _sigma_turn(self) -> float:
+        """Return the standard deviation of the turn during the readout, radians; 0: held."""
+        if self.options.sigma_turn is not None:
+            return self.options.sigma_turn
+        turns = self.options.choice == "estimate" or any(m[3:].any() for m in self.stated.values())
+        return SIGMA_TURN if turns else 0.0

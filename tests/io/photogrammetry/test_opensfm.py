@@ -13,6 +13,7 @@ from factorgraph_adj.errors import InputError
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.rotation import log_rotation
 from factorgraph_adj.start.approximate_values import approximate
+from factorgraph_adj.statistical_tests import global_test
 from tests.networks.pixel_block import projected
 from tests.support.attitude import rodrigues
 
@@ -365,14 +366,15 @@ def test_motions_of_the_kind_that_odm_corrects_are_found(folder: Path) -> None:
     network = fga.read(folder / "reconstruction.json", rolling_shutter="estimate", **options)
     assert network.cameras["cam"].readout == pytest.approx(READOUT_MS / 1000.0, rel=1e-15)
     solution = fga.adjust(network)
-    assert solution.converged and solution.sigma0 == pytest.approx(1.0, abs=0.15)
+    assert solution.converged and global_test(solution).accepted
     errors = []
     for photo in network.photos:
         found = solution.unknown("photo_motion", photo)
         errors.append((np.array(found.values) - (*SPEED, 0, 0, 0))[:3] / np.array(found.sigmas)[:3])
         assert max(found.sigmas[:2]) < 2.0
     assert np.abs(errors).max() < 4.0
-    assert fga.adjust(fga.read(folder / "reconstruction.json", **options)).sigma0 > 3.0
+    still = fga.adjust(fga.read(folder / "reconstruction.json", **options))
+    assert still.sigma0 > global_test(still).upper
 
 
 def test_image_points_that_odm_has_corrected_get_no_motion(folder: Path) -> None:
