@@ -12,8 +12,8 @@ from the centre of the first one, y down, so that half a pixel is added here.
 | eucm | alpha beta fu fv pu pv | none | `UnifiedLens` |
 | omni | xi fu fv pu pv | none | the same, α = ξ/(1 + ξ), β = 1, f/(1 + ξ) |
 
-Source: Kalibr's wiki (yaml-formats), ``kalibr_common/ConfigReader.py`` and the grids of
-``aslam_cameras``.
+Source: Kalibr's wiki (yaml-formats), ``kalibr_common/ConfigReader.py``, the grids and
+``RollingShutter.hpp`` of ``aslam_cameras``.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...models.lens import NoDistortion
+from ...models.rolling_shutter import Towards
 from ...network.network import Network
 from ...rotation import TURN_ABOUT_X, log_rotation
 from ...types import Array
@@ -59,11 +60,11 @@ _DISTORTIONS: Mapping[tuple[str, str], tuple[str, tuple[str, ...]]] = {
 }
 """Camera model of COLMAP with the same formula, and names of its distortion, by the names of
 camera model and distortion model."""
-UNREAD_KEYS = (
+FURTHER_KEYS = (
+    "line_delay",
     "cam_overlaps",
     "rostopic",
     "timeshift_cam_imu",
-    "line_delay",
     "T_cn_cnm1",
     "T_cam_imu",
     "T_imu_cam",
@@ -136,9 +137,10 @@ def read_kalibr(path: str | Path, *, calibration: Literal["held", "free"] = "hel
     A chain becomes cameras and one exposure of the rig: photos with the names of the cameras on the
     inertial unit ``imu`` (or on ``cam0``), which stands in the origin, with held mounts. Axes of
     the carrier are those of its photo x right, y down, z ahead as the file has them. Points of a
-    target are held and named by their numbers, row by row from the lower left. Not read: topics,
-    overlaps, shifts of time, delays of lines. Kalibr's files have no standard deviations. Tried on
-    the ten chains of OpenVINS.
+    target are held and named by their numbers, row by row from the lower left. ``line_delay``, the
+    seconds from a row to the one below, gives a camera its readout time. Not read: topics,
+    overlaps, shifts of time. Kalibr's files have no standard deviations. Tried on the ten chains of
+    OpenVINS, which have no delays of lines.
 
     Args:
         path: camchain.yaml, camchain-imucam.yaml, or the file of a target.
@@ -238,8 +240,8 @@ def _camera(
         if key not in keys:
             raise value.fail(f"has no {key}")
     for key, entry in keys.items():
-        if key not in (*needed, "distortion_model", "distortion_coeffs", *UNREAD_KEYS):
-            valid = ", ".join((*needed, "distortion_model", "distortion_coeffs", *UNREAD_KEYS))
+        if key not in (*needed, "distortion_model", "distortion_coeffs", *FURTHER_KEYS):
+            valid = ", ".join((*needed, "distortion_model", "distortion_coeffs", *FURTHER_KEYS))
             raise entry.fail(f"is unknown; valid: {valid}")
     names = keys["camera_model"].field().choice(_INTRINSICS)
     if names is None:
@@ -275,7 +277,25 @@ def _camera(
     assert known.lens is not None  # of every model of the table
     values = known.to_lens([given[p] for p in known.parameters])
     unknown = (*known.unknowns, "x0", "y0") if free else ()
-    add_pixel_camera(network, name, known.lens, values, size=(size[0], size[1]), free=unknown)
+    add_pixel_camera(
+        network,
+        name,
+        known.lens,
+        values,
+        size=(size[0], size[1]),
+        free=unknown,
+        readout=_readout(keys, size[1]),
+    )
+
+
+def _readout(keys: Mapping[str, _Value], rows: float) -> tuple[float, Towards] | None:
+    """Return the readout time of a camera and its side; None if all rows are exposed at once."""
+    if "line_delay" not in keys:
+        return None
+    delay = keys["line_delay"].field().number()
+    if is_unread(delay) or delay == 0.0:
+        return None
+    return abs(delay) * rows, "down" if delay > 0 else "up"
 
 
 # -- targets --------------------------------------------------------------------------------------

@@ -35,6 +35,7 @@ cam0:
   intrinsics: [458.0, 457.0, 367.0, 248.0] # fu, fv, cu, cv
   resolution: [752, 480]
   rostopic: /cam0/image_raw
+  line_delay: 3.5e-05
 cam1:
   T_imu_cam:
 {motion((R1 @ R0).T, -(R1 @ R0).T @ (R1 @ T0 + T1))}
@@ -183,3 +184,27 @@ def test_a_camera_without_a_place_and_a_target_without_a_size_are_refused(tmp_pa
         fga.read(write(tmp_path, text))
     with pytest.raises(InputError, match="the target has no tagSize"):
         fga.read(write(tmp_path, GRID.replace("tagSize: 0.08\n", "")))
+
+
+@pytest.mark.parametrize(
+    ("delay", "readout"), [("3.5e-05", (480 * 3.5e-5, "down")), ("-2e-5", (480 * 2e-5, "up"))]
+)
+def test_a_delay_of_lines_is_a_readout_time(
+    tmp_path: Path, delay: str, readout: tuple[float, str]
+) -> None:
+    """Kalibr: a row is read line_delay × row after the first one, in seconds."""
+    network = fga.read(write(tmp_path, INERTIAL.replace("3.5e-05", delay)))
+    camera = network.cameras["cam0"]
+    assert (camera.readout, camera.readout_towards) == (pytest.approx(readout[0]), readout[1])
+    assert network.cameras["cam1"].readout is None
+    times = camera.times()
+    assert times is not None
+    rows = times.times(np.zeros(2), np.array([0.0, -480.0]))
+    assert rows[1] - rows[0] == pytest.approx(float(delay) * 480)
+
+
+def test_rows_without_a_delay_are_exposed_at_once(tmp_path: Path) -> None:
+    network = fga.read(write(tmp_path, INERTIAL.replace("3.5e-05", "0.0")))
+    assert network.cameras["cam0"].readout is None
+    with pytest.raises(InputError, match="line_delay"):
+        fga.read(write(tmp_path, INERTIAL.replace("3.5e-05", "fast")))
