@@ -13,6 +13,7 @@ from ..errors import Doubt, InputError, Problem, known, taking
 from ..frames import Frame, LocalFrame
 from ..models.unknown_registry import UNKNOWNS, parameter_kinds
 from ..observations import FrameVector, Observation
+from ..observations.base import joined_points
 from .network import Network
 
 SAME_RADIUS = 1e-5
@@ -225,7 +226,7 @@ def _component(given: Sequence[_Stated], where: str, axis: str, problems: list[P
 
 def _observed_points(network: Network) -> set[str]:
     """Return the names of the points that a network observes."""
-    out = {name for o in network.observations.values() for name in o.points()}
+    out = joined_points(network.observations.values())
     if network.n_image_points:
         names = list(network.points)
         out |= {names[i] for i in np.unique(network.images.columns()[1]).tolist()}

@@ -216,6 +216,11 @@ _COMMON = frozenset(f.name for f in fields(Observation))
 """Names of the fields that every observation has."""
 
 
+def joined_points(observations: Iterable[Observation]) -> set[str]:
+    """Return the names of all points that observations join, see `Observation.points`."""
+    return {name for observation in observations for name in observation.points()}
+
+
 def of_quantities(observations: Iterable[Observation], *quantities: Quantity) -> Iterator[Any]:
     """Iterate over the observations of some quantities; their records name what they all have."""
     return (o for o in observations if o.record.quantity in quantities)

@@ -17,6 +17,7 @@ from ..errors import known
 from ..graph.observation_selection import filtered
 from ..models.unknown_registry import VariableKind
 from ..network.network import Network
+from ..observations.base import joined_points
 from ..result_display import Rows, Shown
 from ..rotation import nearest_rotation
 from ..start.resection import resected_pose
@@ -168,7 +169,7 @@ class BlockStart(Shown):
         lost = _flags_of(self.network.points, self.unreached)
         away = _flags_of(self.network.photos, self.unoriented)
         out.image_mask(~(self.doubtful_rows | lost[point] | away[photo]))
-        observed_points = {p for o in out.observations.values() for p in o.points()}
+        observed_points = joined_points(out.observations.values())
         observed_photos = {f for o in out.observations.values() for f in o.photos()}
         seen = set(np.array(list(out.points), dtype=object)[out.images.columns()[1]].tolist())
 

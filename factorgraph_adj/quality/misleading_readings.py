@@ -30,6 +30,7 @@ from ..graph.equations import compile_network
 from ..graph.observation_selection import without
 from ..network.network import Network
 from ..observations import KINDS
+from ..observations.base import joined_points
 from ..observations.registry import TOTAL_STATION_QUANTITIES
 from ..solve.solution import Solution
 from ..start.start_values import Start
@@ -205,10 +206,8 @@ def _far_off_at_first(solution: Solution) -> set[str]:
 
 def _ids_with_other_observations(network: Network, ids: tuple[str, ...]) -> tuple[str, ...]:
     """Return the ids without those of targets that nothing else observes, which stay."""
-    wrong, rest = set(ids), set[str]()
-    for ident, o in network.observations.items():
-        if ident not in wrong:
-            rest.update(o.points())
+    wrong = set(ids)
+    rest = joined_points(o for i, o in network.observations.items() if i not in wrong)
     rest.update(ray.point for ray in network.image_points())
     return tuple(i for i in ids if rest.issuperset(network.observations[i].points()))
 

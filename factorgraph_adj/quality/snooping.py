@@ -28,6 +28,7 @@ from ..graph.equations import Equations, compile_network
 from ..graph.listed_points import with_listed_points_apart
 from ..graph.observation_selection import without
 from ..network.network import DatumChoice, Network
+from ..observations.base import joined_points
 from ..orientation.choice_of_start import (
     given_or_image_start,
     image_start,
@@ -141,7 +142,7 @@ def _rejected(equations: Equations, ident: str, v: Array, raw: Array) -> tuple[R
 
 def _lost_points(network: Network, start: Start) -> tuple[str, ...]:
     """Return the points that leave with all their rays: nothing else observes them."""
-    observed = {p for o in network.observations.values() for p in o.points()}
+    observed = joined_points(network.observations.values())
     return tuple(p for p in start.unreached if p not in observed)
 
 

@@ -52,7 +52,7 @@ from ..graph.variables import State
 from ..models.unknown_registry import UNKNOWNS
 from ..network.network import Network
 from ..observations import Correlated, FrameCoordinate
-from ..observations.base import of_quantities
+from ..observations.base import joined_points, of_quantities
 from ..result_display import Rows, Shown
 from ..rotation import log_rotation, skew, world_R_camera
 from ..solve.solution import Solution
@@ -428,7 +428,7 @@ def _without_rays(
             what = "a lever arm needs the attitude of its photo, which models do not give"
             raise InputError(Problem(what, o.label()))
     seen = {p for m in models for p in m.points}
-    seen |= {p for o in out.observations.values() for p in o.points()}
+    seen |= joined_points(out.observations.values())
     seen |= {f.origin for f in network.frames.values()}
     return without(out, (), points=[p for p in out.points if p not in seen])
 

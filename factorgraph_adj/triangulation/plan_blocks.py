@@ -47,7 +47,7 @@ from ..graph.equations import compile_network
 from ..models.unknown_registry import UNKNOWNS
 from ..network.network import Network
 from ..observations import ControlPoint, Direction, FrameCoordinate
-from ..observations.base import of_quantities
+from ..observations.base import joined_points, of_quantities
 from ..observations.registry import CONTROL_QUANTITIES
 from ..result_display import Rows, Shown
 from ..solve.solution import Solution
@@ -315,7 +315,7 @@ def radial_observations(
     for o in of_quantities(network.observations.values(), *CONTROL_QUANTITIES):
         if axes := "".join(a for a in o.axes if a in "xy"):
             out.add(_in_plan(o, axes))
-    seen = {p for o in out.observations.values() for p in o.points()}
+    seen = joined_points(out.observations.values())
     for name in [n for n in out.points if n not in seen]:
         del out.points[name]
     out.point_number = {n: i for i, n in enumerate(out.points)}

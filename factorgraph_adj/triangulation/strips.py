@@ -22,7 +22,7 @@ from ..graph.observation_selection import without
 from ..models.similarity import Similarity, extent_ratio, fit_similarity
 from ..network.network import Network
 from ..observations import StripCoordinate
-from ..observations.base import of_quantities
+from ..observations.base import joined_points, of_quantities
 from ..observations.registry import CONTROL_QUANTITIES
 from ..result_display import Rows, Shown
 from ..types import Array
@@ -202,7 +202,7 @@ def as_strips(
     for strip in oriented:
         out.set_polynomial(strip.name, plan=plan, height=terms)
     out.add(*observed)
-    seen = {p for o in out.observations.values() for p in o.points()}
+    seen = joined_points(out.observations.values())
     return without(out, (), points=[p for p in out.points if p not in seen])
 
 

@@ -18,6 +18,7 @@ from ...errors import InputError, Problem, known
 from ...files import inside
 from ...network.grid.transformation import Azimuths, Distances
 from ...network.network import Network
+from ...observations.base import joined_points
 from ..format_reader import NetworkReader, Reader
 from ..source import LeftOutReason, Problems, Source, TextSource
 from ..text_files import file_beginning
@@ -319,7 +320,7 @@ class _Reader:
         others = lines.observations
         observations = others + placed_side_shots(lines.side_shots, self.points, others)
         self.vectors.check()
-        self._leave_out_unused({n for o in observations for n in o.points()})
+        self._leave_out_unused(joined_points(observations))
         if self.system is not None and not self.source.problems.count:
             set_grid_coordinates(self.points, self.system, self.source)
             if adjustment == "2D":

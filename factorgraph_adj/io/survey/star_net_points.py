@@ -25,6 +25,7 @@ import numpy as np
 
 from ...network.network import Network
 from ...observations import Azimuth, GnssVector, HorizontalAngle, Observation
+from ...observations.base import joined_points
 from ...types import Array
 from ..source import Source, is_unread
 from .star_net_lines import BEARING_PATTERN, DMS_PATTERN, HELD_LENGTH_SIGMA_M, StarNetValues
@@ -353,7 +354,7 @@ def placed_side_shots(
     The point has its name in the line. Where other lines observe, hold or weight that point, or
     another side shot gave it, a number is added (``X.2``): a side shot checks nothing.
     """
-    taken = {name for o in others for name in o.points()}
+    taken = joined_points(others)
     taken |= {n for n, p in points.points.items() if any(s < float("inf") for s in p.sigmas)}
     shots = list(shots)
     named = {s.target for s in shots}

@@ -36,6 +36,7 @@ from ...graph.observation_selection import without
 from ...models.image import MIRRORED, OTHER, Axes
 from ...models.inverse_lens import directions
 from ...network.network import DatumChoice, Network
+from ...observations.base import joined_points
 from ...solve.solution import Solution
 from ...start.resection import resect
 from ...types import Array, Index, Mask
@@ -188,7 +189,7 @@ def _without(
     left = {rays.photo for rays in suspect}
     gone += [i for i, o in observed.items() if not left.isdisjoint(o.photos())]
     lost_ids = set(gone)
-    others = {p for i, o in observed.items() if i not in lost_ids for p in o.points()}
+    others = joined_points(o for i, o in observed.items() if i not in lost_ids)
     free: list[bool] = np.all(unknowns["point"].free, axis=1).tolist()
     few = [p for p, k, f in zip(unknowns["point"].names, counted, free, strict=True) if f and k < 2]
     few = [p for p in few if p not in others]
