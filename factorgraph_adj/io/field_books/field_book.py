@@ -90,8 +90,8 @@ class FieldBook:
             accuracies: standard deviations, and how readings are reduced.
             fixed: names of the points that are held at the coordinates of the file; in a text
                 they are separated by commas.
-            station: name of the station of sights before any station; None: see
-                ``may_lack_station``.
+            station: name of the station of sights before any station, which options may give as
+                a number; None: see ``may_lack_station``.
             may_lack_station: whether files of the format may have no record of a station: the
                 reader has the option ``station``, which messages name, and sights before any
                 station are `UnnamedSights`; otherwise they are a problem.
@@ -108,7 +108,7 @@ class FieldBook:
         self.current: SetUp | None = None
         self.may_lack_station = may_lack_station or station is not None
         self.zero_is_unmeasured = zero_is_unmeasured
-        self.unnamed = UnnamedSights(station or "")
+        self.unnamed = UnnamedSights("" if station is None else str(station))
         """Sights before any set-up."""
         self.setups: dict[str, int] = defaultdict(int)
         self.begun: list[SetUp] = []

@@ -132,13 +132,7 @@ def read_gsi(
         InputError: every problem of the file, each with its line.
     """
     source = TextSource(path, code_page="cp1252")
-    book = FieldBook(
-        source,
-        accuracies,
-        fixed,
-        station=None if station is None else str(station),
-        may_lack_station=True,
-    )
+    book = FieldBook(source, accuracies, fixed, station=station, may_lack_station=True)
     levelling, codes = GsiLevel(book), dict[str, bool]()
     for block in gsi_blocks(source):
         line, (index, word) = block.line, block.words[0]

@@ -83,13 +83,7 @@ def read_topcon_gts6(
         InputError: every problem of the file, each with its line.
     """
     source = TextSource(path, code_page="cp1252")
-    book = FieldBook(
-        source,
-        accuracies,
-        fixed,
-        station=None if station is None else str(station),
-        may_lack_station=True,
-    )
+    book = FieldBook(source, accuracies, fixed, station=station, may_lack_station=True)
     _Reader(book, BookString(source)).read()
     return book.network()
 
