@@ -100,19 +100,30 @@ def whitening(covariance: Array) -> Array:
     sigma = np.asarray(covariance, dtype=float)
     if sigma.ndim != 2 or sigma.shape[0] != sigma.shape[1]:
         raise InputError(f"a covariance matrix must be square, not {sigma.shape}")
-    if not np.all(np.isfinite(sigma)):
+    return np.asarray(whitenings(sigma[None])[0])
+
+
+def whitenings(covariances: Array) -> Array:
+    """Return W of covariances of equal size (n, d, d), see `whitening`.
+
+    Raises:
+        InputError: one of them is not finite, symmetric or positive definite.
+    """
+    if not np.isfinite(covariances).all():
         raise InputError("a covariance matrix must be finite")
-    scale = np.sqrt(np.abs(np.diag(sigma)))
-    if np.any(np.diag(sigma) <= 0):
+    variances = np.einsum("nii->ni", covariances)
+    if (variances <= 0).any():
         raise InputError("a covariance matrix must have positive variances on its diagonal")
-    correlation = sigma / np.outer(scale, scale)
-    if np.max(np.abs(correlation - correlation.T)) > 1e-6:
+    scale = np.sqrt(variances)
+    correlation = covariances / (scale[:, :, None] * scale[:, None, :])
+    turned = correlation.transpose(0, 2, 1)
+    if (np.abs(correlation - turned) > 1e-6).any():
         raise InputError("a covariance matrix must be symmetric")
-    smallest = float(np.linalg.eigvalsh((correlation + correlation.T) / 2)[0])
+    mean = 0.5 * (correlation + turned)
+    smallest = float(np.linalg.eigvalsh(mean)[:, 0].min(initial=1.0))
     if smallest < 1e-13:
         raise InputError(
             "the covariance matrix is not positive definite "
             f"(smallest eigenvalue of the correlations {smallest:.2e})"
         )
-    factor = np.linalg.cholesky((correlation + correlation.T) / 2)
-    return np.asarray(np.linalg.inv(factor) / scale[None, :])
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(mean)) / scale[:, None, :])

@@ -21,8 +21,8 @@ from ..graph.dependence import Variable
 from ..solve.gauss_newton_steps import Extrapolation
 from ..types import NO_ROWS, Array, Index
 from .factor_tests import JointCovariance
-from .linear_rows import TINY, Arriving, LinearRows, Mark
-from .row_arrays import Grown
+from .linear_rows import TINY, LinearRows
+from .row_arrays import Arriving, Grown, Mark
 
 MAX_TURNS = 10
 """Largest number of times that rows are evaluated again after an arrival."""
@@ -235,14 +235,10 @@ class LinearISAM2(LinearRows):
             for these, terms in self._terms(each, rows):
                 self._add(graph, terms, -self.rows[each].v.values[rows[these]])
                 having.append(own[these])
-        for unit in units[~alone].tolist():
-            rows_of = self._stacked(np.array([unit]))
-            keys, first = np.unique(self._key.values[rows_of.columns], return_index=True)
-            if len(keys):
-                parts = np.split(rows_of.a, first[1:], axis=1)
-                one = [(keys[i : i + 1], a[None]) for i, a in enumerate(parts)]
-                self._add(graph, one, -rows_of.v[None])
-                having.append(np.array([unit]))
+        for group in self._correlated(units[~alone]):
+            if group.variables:
+                self._add(graph, [(k, group.a[:, :, on]) for k, on in group.variables], -group.v)
+                having.append(group.units)
         # They need no point of linearisation, as they are never evaluated elsewhere.
         return gtsam.LinearContainerFactor.ConvertLinearGraph(graph), np.concatenate(having)
 
@@ -253,18 +249,9 @@ class LinearISAM2(LinearRows):
             Places of the rows, and for each variable that is no constant keys and partials (k, d,
             s) by all of its columns.
         """
-        slots, code = list[tuple[Index, Array, Index]](), np.zeros(len(rows), dtype=np.intp)
-        for a, columns in self._forms(sort, rows):
-            free = columns >= 0
-            keys = np.where(free.any(axis=1), columns.max(axis=1, initial=-1), -1)
-            keys[keys >= 0] = self._key.values[keys[keys >= 0]]
-            size = np.where(keys >= 0, self._size.values[keys], 0) if self._first.n else 0 * keys
-            most = int(size.max(initial=0))
-            i, j = np.nonzero(free)
-            wide = np.zeros((len(a), a.shape[1], most))
-            wide[i, :, columns[i, j] - self._first.values[keys[i]]] = a[i, :, j]
-            slots.append((keys, wide, size))
-            code = code * (most + 1) + size
+        slots, code = self._wide_forms(sort, rows), np.zeros(len(rows), dtype=np.intp)
+        for _, wide, size in slots:
+            code = code * (wide.shape[2] + 1) + size
         for each in np.unique(code).tolist():
             at = np.flatnonzero(code == each)
             sizes = [int(size[at[0]]) for _, _, size in slots]

@@ -11,20 +11,16 @@ estimate by more than √gᵀQg ≤ Σ|g_c| σ_c standard deviations, to the fir
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
-from typing import NamedTuple
 from weakref import WeakSet
 
 import numpy as np
 
 from ..errors import InputError
 from ..frames import Frame
-from ..graph.equations import Equations
-from ..graph.variables import State
-from ..models.unknown_registry import VariableKind
 from ..types import NO_ROWS, Array, Index, Mask
+from .correlated_units import CorrelatedUnits, Stacked, WideForm, correlated_units, wide_form
 from .linearisation_points import LinearisationPoints
-from .row_arrays import Grown, Rows, Sort, WholeBlockError, sort_of
+from .row_arrays import Arriving, Grown, Mark, Rows, Sort, WholeBlockError, sort_of
 
 SIGMA_CHANGE_SHARE = 0.5
 """What the change of a standard deviation, relative to itself, counts in a gap."""
@@ -33,52 +29,6 @@ PROBE = 0.1
 rows bend."""
 UNBOUNDED, TINY = 1e9, 1e-300
 """Curvature of a row for which it is not known; and a divisor in the place of 0."""
-
-
-@dataclass(eq=False)
-class Mark:
-    """A tree before something is done to it, and what was replaced in it since then."""
-
-    version: int
-    """Its version."""
-    counts: dict[VariableKind, int]
-    """Number of variables of each kind."""
-    of_units: tuple[Array, ...]
-    """Whether each unit is in, and its gap."""
-    of_keys: tuple[Array, ...]
-    """Which keys have rows."""
-    of_columns: tuple[Array, ...]
-    """δ, δ at the last look, diagonal of N and bound of each column."""
-    loosened: float
-    """Largest factor by which standard deviations had grown since rows were measured."""
-    units: list[Index] = field(default_factory=list)
-    """Units whose rows were evaluated anew."""
-    replaced: list[tuple[Grown, Index, Array]] = field(default_factory=list)
-    """Values by row that were replaced: where, numbers of the rows, and values before."""
-    theta: list[tuple[VariableKind, Index, Array]] = field(default_factory=list)
-    """Kind and numbers of variables, with their points of linearisation before."""
-
-
-class Arriving(NamedTuple):
-    """Observations that arrive, compiled together."""
-
-    equations: Equations
-    """The observations, and what they touch."""
-    state: State
-    """Values of variables that are new; those that are known stay where they are."""
-
-
-class Stacked(NamedTuple):
-    """Units as one system of rows, correlated ones whitened."""
-
-    a: Array
-    """Partials, (n, m)."""
-    v: Array
-    """Residuals at θ, (n,)."""
-    columns: Index
-    """Columns of the variables that they touch, ascending, (m,)."""
-    rows: list[Index]
-    """Rows of each unit."""
 
 
 class LinearRows(LinearisationPoints):
@@ -221,9 +171,47 @@ class LinearRows(LinearisationPoints):
 
     def _weigh_groups(self, units: Index, sign: float) -> None:
         """Add correlated units to the diagonal of N, or take them from it."""
-        for unit in self._groups(units):
-            group = self._stacked(np.array([unit]))
-            self._diagonal.values[group.columns] += sign * (group.a**2).sum(axis=0)
+        for group in self._correlated(np.array(self._groups(units), dtype=np.intp)):
+            square = sign * (group.a**2).sum(axis=1)
+            for on, columns in group.columns(self._first.values):
+                np.add.at(self._diagonal.values, columns, square[:, on])
+
+    def _sequences(self, units: Index) -> Iterable[tuple[Index, tuple[int, ...], Index]]:
+        """Iterate over units whose members have the same sorts in the same order.
+
+        Returns:
+            Places of the units, the sorts, and the rows of the members, (n, members).
+        """
+        place, sort, row = self._members_of(units)
+        begin = np.searchsorted(place, np.arange(len(units)))
+        of_sorts: dict[tuple[int, ...], list[int]] = {}
+        for i, own in enumerate(np.split(sort, begin[1:])):
+            of_sorts.setdefault(tuple(own.tolist()), []).append(i)
+        for sorts, some in of_sorts.items():
+            at = np.array(some, dtype=np.intp)
+            yield at, sorts, row[begin[at][:, None] + np.arange(len(sorts))]
+
+    def _whiteners(self, units: Index, size: int) -> Array:
+        """Return W of units, (n, k, k); what is not correlated is whitened."""
+        one = np.eye(size)
+        return np.array([self._whitener.get(u, one) for u in units.tolist()])
+
+    def _correlated(self, units: Index) -> Iterable[CorrelatedUnits]:
+        """Iterate over units of several rows, whitened, those of one pattern together."""
+        if not len(units):
+            return
+        for at, sorts, rows in self._sequences(units):
+            v = [self.rows[s].v.values[own] for s, own in zip(sorts, rows.T, strict=True)]
+            forms = [self._wide_forms(s, own) for s, own in zip(sorts, rows.T, strict=True)]
+            whiteners = self._whiteners(units[at], sum(part.shape[1] for part in v))
+            yield from correlated_units(units[at], whiteners, v, forms)
+
+    def _wide_forms(self, sort: int, rows: Index) -> list[WideForm]:
+        """Return the partials of rows by all columns of each variable."""
+        return [
+            wide_form(a, columns, self._key.values, self._first.values, self._size.values)
+            for a, columns in self._forms(sort, rows)
+        ]
 
     def _stacked(self, units: Index) -> Stacked:
         """Return units as one system of rows."""
@@ -348,7 +336,7 @@ class LinearRows(LinearisationPoints):
             return
         self._measured_at.values[columns] = self._delta.values[columns]
         state = self.state()
-        groups: dict[int, dict[tuple[int, int], tuple[Array, float, Array, list[Array]]]] = {}
+        joint: dict[int, tuple[Index, Array, Array, Array, list[Array]]] = {}
         for sort, rows in self._touching(columns):
             own = self.rows[sort]
             units = own.unit.values[rows]
@@ -371,23 +359,47 @@ class LinearRows(LinearisationPoints):
             self._record_gradient_errors(
                 sort, rows[alone], [a[alone] for a in partials], v[alone], linear[alone]
             )
-            for i in np.flatnonzero(~alone).tolist():
-                member = sort, int(rows[i])
-                own_partials = [a[i : i + 1] for a in partials]
-                groups.setdefault(int(units[i]), {})[member] = gap[i], far[i], v[i], own_partials
-        for unit, parts in groups.items():
-            _, sorts, of_unit = self._members_of(np.array([unit]))
-            found = [parts[m] for m in zip(sorts.tolist(), of_unit.tolist(), strict=True)]
-            w = self._whitener[unit]
-            gap = np.concatenate([g for g, *_ in found])
-            both = np.linalg.norm(w @ gap) + np.linalg.norm([f for _, f, *_ in found])
-            self._gap.values[unit] = float(both**2)
-            ends = np.cumsum([len(g) for g, *_ in found])[:-1]
-            v = np.concatenate([v for _, _, v, _ in found])
-            weighed = [np.split(w.T @ (w @ r), ends) for r in (v, v - gap)]
-            members = zip(sorts.tolist(), of_unit[:, None], found, *weighed, strict=True)
-            for sort, row, (*_, partials), own_v, linear in members:
-                self._record_gradient_errors(sort, row, partials, own_v[None], linear[None])
+            joint[sort] = rows, gap, far, v, partials
+        self._measure_gaps_of_groups(joint)
+
+    def _measure_gaps_of_groups(
+        self, joint: dict[int, tuple[Index, Array, Array, Array, list[Array]]]
+    ) -> None:
+        """Measure the gaps of correlated units.
+
+        Args:
+            joint: of rows of each sort their numbers, ascending, gaps, misses of partials, v(x) and
+                A(x); correlated units are there with all of their rows.
+        """
+        of_rows = [self.rows[sort].unit.values[rows] for sort, (rows, *_) in joint.items()]
+        every = np.unique(np.concatenate([NO_ROWS, *of_rows]))
+        units = np.array(self._groups(every), dtype=np.intp)
+        if not len(units):
+            return
+        for at, sorts, rows in self._sequences(units):
+            own = units[at]
+            places = [np.searchsorted(joint[s][0], r) for s, r in zip(sorts, rows.T, strict=True)]
+            gap, far, v = (
+                np.concatenate(
+                    [
+                        joint[s][k][p].reshape(len(p), -1)
+                        for s, p in zip(sorts, places, strict=True)
+                    ],
+                    axis=1,
+                )
+                for k in (1, 2, 3)
+            )
+            w = self._whiteners(own, v.shape[1])
+            whole = np.linalg.norm((w @ gap[:, :, None])[:, :, 0], axis=1)
+            self._gap.values[own] = (whole + np.linalg.norm(far, axis=1)) ** 2
+            weight = w.transpose(0, 2, 1) @ w
+            weighed, linear = ((weight @ x[:, :, None])[:, :, 0] for x in (v, v - gap))
+            first = 0
+            for s, r, p in zip(sorts, rows.T, places, strict=True):
+                mine = slice(first, first + joint[s][3].shape[1])
+                first = mine.stop
+                partials = [a[p] for a in joint[s][4]]
+                self._record_gradient_errors(s, r, partials, weighed[:, mine], linear[:, mine])
 
     def _replace(self, grown: Grown, rows: Index, values: Array) -> None:
         """Replace values by row, and keep those before for marks."""
@@ -479,7 +491,10 @@ class LinearRows(LinearisationPoints):
         for sort, own in enumerate(self.rows):
             on = self._inside.values[own.unit.values] & ~own.joint.values
             total += float((self._linear(sort, np.flatnonzero(on)) ** 2).sum())
-        for unit in self._groups(np.flatnonzero(self._inside.values)):
-            group = self._stacked(np.array([unit]))
-            total += float(((group.v + group.a @ self._delta.values[group.columns]) ** 2).sum())
+        inside = self._groups(np.flatnonzero(self._inside.values))
+        for group in self._correlated(np.array(inside, dtype=np.intp)):
+            v = group.v.copy()
+            for on, columns in group.columns(self._first.values):
+                v += (group.a[:, :, on] @ self._delta.values[columns][:, :, None])[:, :, 0]
+            total += float((v**2).sum())
         return total

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from operator import itemgetter
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from ..frames import Frame
 from ..graph.blocks import Block
+from ..graph.equations import Equations
 from ..graph.variables import State
 from ..graph.weights import of_parts, sigma_at
 from ..models.unknown_registry import UNKNOWNS, VariableKind
@@ -313,3 +314,36 @@ def _whitened(block: Block, a: Array, alone: Mask) -> Array:
     if alone.all():
         return whitened
     return np.where(alone.reshape(-1, *(1,) * (a.ndim - 1)), whitened, a)
+
+
+@dataclass(eq=False)
+class Mark:
+    """A tree before something is done to it, and what was replaced in it since then."""
+
+    version: int
+    """Its version."""
+    counts: dict[VariableKind, int]
+    """Number of variables of each kind."""
+    of_units: tuple[Array, ...]
+    """Whether each unit is in, and its gap."""
+    of_keys: tuple[Array, ...]
+    """Which keys have rows."""
+    of_columns: tuple[Array, ...]
+    """δ, δ at the last look, diagonal of N and bound of each column."""
+    loosened: float
+    """Largest factor by which standard deviations had grown since rows were measured."""
+    units: list[Index] = field(default_factory=list)
+    """Units whose rows were evaluated anew."""
+    replaced: list[tuple[Grown, Index, Array]] = field(default_factory=list)
+    """Values by row that were replaced: where, numbers of the rows, and values before."""
+    theta: list[tuple[VariableKind, Index, Array]] = field(default_factory=list)
+    """Kind and numbers of variables, with their points of linearisation before."""
+
+
+class Arriving(NamedTuple):
+    """Observations that arrive, compiled together."""
+
+    equations: Equations
+    """The observations, and what they touch."""
+    state: State
+    """Values of variables that are new; those that are known stay where they are."""

@@ -15,6 +15,7 @@ from ..network.network import Network
 from ..types import Array, Index
 from .block_construction import by_kind, control_blocks, own_blocks, plain_blocks, weighted_blocks
 from .blocks import Block
+from .clusters import ClusterBatch, cluster_batches
 from .image_blocks import ImageChunks, ImageIds, image_blocks
 from .variables import State, Unknowns
 from .weights import Cluster, clusters_of, weigh
@@ -103,9 +104,14 @@ class Equations:
             if self.clusters:
                 raw[block.rows] = v.ravel()
         if whitened:
-            for c in self.clusters:
-                out[c.rows] = c.whitener @ raw[c.rows]
+            for batch in self.cluster_batches:
+                out[batch.rows] = (batch.whitener @ raw[batch.rows][:, :, None])[:, :, 0]
         return out
+
+    @cached_property
+    def cluster_batches(self) -> tuple[ClusterBatch, ...]:
+        """The clusters in batches of one pattern."""
+        return cluster_batches(self.clusters, self.blocks, self.unknowns)
 
     def sigmas(self) -> Array:
         """Return the standard deviation of every scalar row (n_rows,)."""
@@ -209,7 +215,10 @@ class Equations:
 
         Parts such as ppm and centring depend on the lengths of sights.
         """
-        return replace(self, blocks=tuple(weigh(self.network, b, state) for b in self.blocks))
+        out = replace(self, blocks=tuple(weigh(self.network, b, state) for b in self.blocks))
+        if self.clusters:  # lengths change no weight of a cluster, and no place in the arrays
+            out.__dict__["cluster_batches"] = self.cluster_batches
+        return out
 
     def weighs_as(self, other: Equations, misfit: float = 1.0) -> bool:
         """Return whether a change of the weights moves nothing that counts.

@@ -13,7 +13,7 @@ from ..models.line_of_sight import sight
 from ..models.sub_frame import in_frame
 from ..network.network import Network
 from ..observations import Observation, observation_kind
-from ..stochastic_model import StandardDeviation, whitening
+from ..stochastic_model import StandardDeviation, whitenings
 from ..types import NO_ROWS, Array, Index
 from .blocks import Block
 from .variables import State
@@ -47,7 +47,7 @@ def vector_weights(observations: Sequence[Observation]) -> tuple[Array, Array | 
     sigma = np.sqrt(np.array([np.diag(c) for c in covariances]))
     if all(c is None for c in given):
         return sigma, None
-    return sigma, np.array([whitening(c) for c in covariances])
+    return sigma, whitenings(np.array(covariances))
 
 
 @dataclass(frozen=True)
@@ -181,21 +181,29 @@ def clusters_of(
             first = block.first_row + i * block.dimension
             rows_of.setdefault(ident, []).extend(range(first, first + block.dimension))
             place.setdefault(ident, []).append((number, i))
+    by_size: dict[int, list[int]] = {}
+    for number, (_, covariance) in enumerate(groups):
+        by_size.setdefault(len(covariance), []).append(number)
+    whiteners: dict[int, Array] = {}
+    for some in by_size.values():
+        found = whitenings(np.array([groups[number][1] for number in some], dtype=float))
+        whiteners |= zip(some, found, strict=True)
     clusters = []
     members: dict[int, list[int]] = {}
-    for ids, covariance in groups:
+    for number, (ids, _) in enumerate(groups):
         rows = np.array([r for ident in ids for r in rows_of[ident]], dtype=np.intp)
-        clusters.append(Cluster(rows, whitening(covariance)))
+        clusters.append(Cluster(rows, whiteners[number]))
         for ident in ids:
-            for number, i in place[ident]:
-                members.setdefault(number, []).append(i)
+            for block_number, i in place[ident]:
+                members.setdefault(block_number, []).append(i)
+    every = np.concatenate([c.rows for c in clusters])
+    sigmas = np.sqrt(np.concatenate([np.diag(covariance) for _, covariance in groups]))
     for number in members:
         # The cluster weights the observation; the diagonal gives σ for reports.
         block = blocks[number]
         sigma = block.sigma.copy()
-        for c, (_, covariance) in zip(clusters, groups, strict=True):
-            own = (c.rows >= block.rows.start) & (c.rows < block.rows.stop)
-            sigma.ravel()[c.rows[own] - block.first_row] = np.sqrt(np.diag(covariance))[own]
+        own = (every >= block.rows.start) & (every < block.rows.stop)
+        sigma.ravel()[every[own] - block.first_row] = sigmas[own]
         whitener = block.whitener
         if whitener is not None:
             whitener = whitener.copy()

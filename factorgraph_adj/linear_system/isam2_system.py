@@ -17,7 +17,7 @@ import numpy as np
 from ..errors import AdjustmentError
 from ..factor_graph.factor_tests import JointCovariance
 from ..factor_graph.linear_isam2 import MAX_TURNS, LinearISAM2
-from ..factor_graph.linear_rows import Arriving, Mark
+from ..factor_graph.row_arrays import Arriving, Mark
 from ..graph.dependence import Variable
 from ..graph.equations import Equations, compile_rows
 from ..graph.variables import State, Unknowns

@@ -12,8 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import DatumError, SingularError
+from ..solve.block_matrix import BlockMatrix
 from ..solve.convergence import Judgement, StepRecord
-from ..solve.fronts import BlockMatrix, Fronts
+from ..solve.fronts import Fronts
 from ..solve.gauss_newton import ITERATION, IterationEnd, Progress
 from ..solve.gauss_newton_steps import Attempt, Damping, Step
 from ..solve.normal_equations import MIN_CHOLESKY_PIVOT

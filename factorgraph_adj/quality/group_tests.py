@@ -170,6 +170,7 @@ class GroupReliability:
     uncontrolled."""
 
 
+@lru_cache(maxsize=256)
 def noncentrality_of_group(alpha: float, power: float, dof: int) -> float:
     """Return λ0 of χ² with ``dof`` degrees of freedom; λ0 = δ0² for one degree of freedom."""
     # Imported here, because only correlated groups need it and its import is slow.
@@ -240,7 +241,7 @@ def group_reliability(
         float(np.trace(share[np.ix_(members, members)])),
         dof,
         float(np.sum(u[on] ** 2 / values[on])),
-        chi2_quantile(1.0 - limits[0], dof),
+        critical_t2(limits[0], dof),
         estimated,
         weakest,
         external,

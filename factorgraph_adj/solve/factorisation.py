@@ -10,8 +10,9 @@ import numpy as np
 from ..blas_threads import with_one_thread
 from ..graph.equations import Equations
 from ..types import NO_ROWS, Array, Index
+from .block_matrix import BlockMatrix
 from .elimination_layers import Layers
-from .fronts import BlockMatrix, Fronts
+from .fronts import Fronts
 from .linearised_equations import LinearisedEquations
 from .nested_dissection import MAX_LEAF_NODES
 from .node_rows import NodeRows
@@ -97,11 +98,11 @@ class Factorisation:
         diagonal = np.where(self.free, extra, 1.0)
         if prepared.sums is not None:
             self.points = ReducedPoints(prepared.sums, diagonal)
-        dense = [DenseNormals(c, a.T @ a) for c, a in system.cluster_rows()]
-        dense += [DenseNormals(e.columns, e.a.T @ e.a) for e in system.extra]
+        dense = [DenseNormals(e.columns, e.a.T @ e.a) for e in system.extra]
         codes = plan.pair_codes
-        if dense:
-            codes = np.concatenate([codes, joined_node_pairs(nodes, dense)])
+        if dense or system.clusters:
+            of_clusters = (nodes.pairs_of(c.columns) for c in system.clusters)
+            codes = np.concatenate([codes, *of_clusters, joined_node_pairs(nodes, dense)])
         pattern, fronts = nodes.structure(codes, lambda: nodes.positions(system.state))
         if prepared.rows is not None:
             rows = _with_diagonal(prepared.rows, nodes, diagonal)
@@ -111,6 +112,8 @@ class Factorisation:
         matrix = BlockMatrix.zeros(pattern) if self.points is None else self.points.matrix(pattern)
         if plan.rows is not None:
             plan.rows.add_to(matrix, system)
+        for c in system.clusters:
+            nodes.add_normals(matrix, c.columns, c.a.transpose(0, 2, 1) @ c.a)
         for d in dense:
             d.add_to(nodes, matrix)
         nodes.add_diagonal(matrix, diagonal)
@@ -320,11 +323,15 @@ def _rows(system: LinearisedEquations, nodes: Nodes) -> RowElements:
             i, d, j = np.nonzero(on)
             row = block.first_row + block.dimension * i + d
             parts.append(RowElements(row, at[i, j], a[i, d, j], 0))
-    dense = [*system.cluster_rows(), *((e.columns, e.a) for e in system.extra)]
+    for c in system.clusters:
+        places = nodes.place_of[c.columns]
+        i, d, j = np.nonzero((c.a != 0.0) & (places >= 0)[:, None, :])
+        row = c.batch.rows[i, d]
+        parts.append(RowElements(row, places[i, j], c.a[i, d, j], 0))
     parts.append(RowElements(NO_ROWS, NO_ROWS, np.zeros(0), system.equations.n_rows))
-    for columns, a in dense:
-        row, at = np.nonzero((a != 0.0) & (nodes.place_of[columns] >= 0))
-        parts.append(RowElements(row, nodes.place_of[columns[at]], a[row, at], len(a)))
+    for columns, a in ((e.columns, e.a) for e in system.extra):
+        d, j = np.nonzero((a != 0.0) & (nodes.place_of[columns] >= 0))
+        parts.append(RowElements(d, nodes.place_of[columns[j]], a[d, j], len(a)))
     return RowElements.joined(parts)
 
 

@@ -111,7 +111,7 @@ def leverages(
             out.hat[found.rows] = found.hat
             out.others[found.rows] = found.others
             out.own[found.rows] = found.own
-    clusters = [_dense(columns, a, factor, system) for columns, a in system.cluster_rows()]
+    clusters = _of_clusters(system, factor)
     extra = [_dense(e.columns, e.a, factor, system) for e in system.extra]
     if transform is not None:
         transform.blocks(system, blocks)
@@ -160,12 +160,15 @@ def point_leverages(
             scratch = _empty(lb)
             _from_fronts(lb, outer, alone, scratch)
             blocks[place][outer] = scratch.hat[outer]
-    clusters = []
-    for columns, a in only.cluster_rows():
-        k = len(a)
-        clusters.append(
-            np.zeros((k, k)) if alone is None else a @ alone.joint(columns[None])[0] @ a.T
-        )
+    clusters = [np.zeros((len(c.rows),) * 2) for c in only.equations.clusters]
+    for c in only.clusters:
+        if alone is None:
+            break
+        for some in _chunks(np.arange(len(c.a)), max(1, c.a.shape[2] ** 2)):
+            a = c.a[some]
+            hat = a @ alone.joint(c.columns[some]) @ a.transpose(0, 2, 1)
+            for i, number in enumerate(c.batch.numbers[some].tolist()):
+                clusters[number] = hat[i]
     return tuple(blocks), tuple(clusters)
 
 
@@ -243,6 +246,25 @@ def _chunks(rows: Index, size: int) -> Iterator[Index]:
     step = max(1, MAX_ELEMENTS_AT_ONCE // size)
     for start in range(0, len(rows), step):
         yield rows[start : start + step]
+
+
+def _of_clusters(system: LinearisedEquations, factor: Factorisation) -> list[ClusterLeverage]:
+    """Return the leverages of every cluster, computed for all of one pattern at once."""
+    out: dict[int, ClusterLeverage] = {}
+    of_points = _of_points(system)
+    for c in system.clusters:
+        for some in _chunks(np.arange(len(c.a)), max(1, c.a.shape[2] ** 2)):
+            columns, a = c.columns[some], c.a[some]
+            joint = factor.joint(columns)
+            own = joint @ a.transpose(0, 2, 1)
+            hat = a @ own
+            # A batch has one pattern: the same of its columns are those of points in all clusters.
+            other = ~of_points[columns[0]]
+            a1 = a[:, :, other]
+            others = a1 @ joint[:, other][:, :, other] @ a1.transpose(0, 2, 1)
+            for i, number in enumerate(c.batch.numbers[some].tolist()):
+                out[number] = ClusterLeverage(hat[i], others[i], columns[i], own[i])
+    return [out[number] for number in range(len(out))]
 
 
 def _dense(

@@ -20,6 +20,7 @@ from ..graph.variables import State, Unknowns, Variables
 from ..models.base import Linearised
 from ..models.unknown_registry import VariableKind
 from ..types import Array, Index
+from .cluster_rows import ClusterRows
 from .linearised_rays import LinearRays
 
 MAX_ROWS_ADDED_SINGLY = 100
@@ -245,14 +246,16 @@ class LinearisedEquations:
             if raw is not None:
                 raw[block.rows] = residual.ravel()
         if raw is not None:
-            for c in equations.clusters:
-                v[c.rows] = c.whitener @ raw[c.rows]
+            for batch in equations.cluster_batches:
+                v[batch.rows] = (batch.whitener @ raw[batch.rows][:, :, None])[:, :, 0]
         self.residual = v
+        self._clusters: tuple[ClusterRows, ...] | None = None
 
     def only(self, kinds: Collection[VariableKind]) -> LinearisedEquations:
         """Return the system with the other kinds of variables held."""
         out = copy(self)
         out.blocks = [lb.only(kinds) for lb in self.blocks]
+        out._clusters = None
         kept = np.zeros(self.unknowns.n_columns, dtype=bool)
         for kind in kinds:
             table = self.unknowns[kind]
@@ -293,8 +296,8 @@ class LinearisedEquations:
         v = z
         if self.equations.clusters:
             v = z.copy()
-            for c in self.equations.clusters:
-                v[c.rows] = c.whitener.T @ z[c.rows]
+            for batch in self.equations.cluster_batches:
+                v[batch.rows] = batch.whitener.transpose(0, 2, 1) @ z[batch.rows]
         out = np.zeros((self.unknowns.n_columns, z.shape[1]))
         for lb in blocks:
             lb.add_transposed(out, v[lb.block.rows].reshape(*lb.block.observed.shape, -1))
@@ -312,8 +315,8 @@ class LinearisedEquations:
                 lb.add_diagonal(out)
             else:
                 lb.add_diagonal(out, self.equations.in_cluster.get(place))
-        for columns, a in self.cluster_rows():
-            np.add.at(out, columns, np.sum(a * a, axis=0))
+        for c in self.clusters:
+            np.add.at(out, c.columns, np.sum(c.a * c.a, axis=1))
         for e in self.extra:
             np.add.at(out, e.columns, np.sum(e.a * e.a, axis=0))
         return out
@@ -323,8 +326,8 @@ class LinearisedEquations:
         out = np.zeros((self.equations.n_rows, g.shape[1]))
         for lb in self.blocks:
             out[lb.block.rows] = lb.times(g).reshape(-1, g.shape[1])
-        for c in self.equations.clusters:
-            out[c.rows] = c.whitener @ out[c.rows]
+        for batch in self.equations.cluster_batches:
+            out[batch.rows] = batch.whitener @ out[batch.rows]
         return np.concatenate([out, *(e.a @ g[e.columns] for e in self.extra)])
 
     def sparse(self, rows: Index) -> csr_array:
@@ -368,29 +371,20 @@ class LinearisedEquations:
         values, i, j = (np.concatenate(x) for x in zip(*parts, strict=True))
         return csr_array(coo_array((values, (i, j)), shape=shape))
 
+    @property
+    def clusters(self) -> tuple[ClusterRows, ...]:
+        """Whitened partials of all clusters, in batches of one pattern."""
+        if self._clusters is None:
+            partials = [lb.a if isinstance(lb, LinearBlock) else () for lb in self.blocks]
+            batches = self.equations.cluster_batches
+            self._clusters = tuple(ClusterRows.of(batch, partials) for batch in batches)
+        return self._clusters
+
     def cluster_rows(self) -> list[tuple[Index, Array]]:
-        """Return columns (m,) and whitened partials (k, m) of every cluster."""
-        out = []
-        for c in self.equations.clusters:
-            place = {int(r): i for i, r in enumerate(c.rows)}
-            pieces: dict[int, Array] = {}
-            for lb in self.blocks:
-                first, d = lb.block.first_row, lb.block.dimension
-                rows = c.rows[(c.rows >= lb.block.rows.start) & (c.rows < lb.block.rows.stop)]
-                for i in np.unique((rows - first) // d):
-                    for offset, a in zip(lb.offsets, lb.a, strict=True):
-                        if not len(a) or offset[i] < 0:
-                            continue
-                        k = a.shape[2]
-                        for component in range(d):
-                            row = place[int(first + i * d + component)]
-                            for j in range(k):
-                                column = int(offset[i]) + j
-                                piece = pieces.setdefault(column, np.zeros(len(c.rows)))
-                                piece[row] += a[i, component, j]
-            columns = np.array(sorted(pieces), dtype=np.intp)
-            a = np.zeros((len(c.rows), len(columns)))  # no columns if all their variables are held
-            for j, column in enumerate(columns.tolist()):
-                a[:, j] = pieces[column]
-            out.append((columns, c.whitener @ a))
-        return out
+        """Return columns (m,) and whitened partials (k, m) of every cluster, in their order."""
+        found = {
+            number: (c.columns[i], c.a[i])
+            for c in self.clusters
+            for i, number in enumerate(c.batch.numbers.tolist())
+        }
+        return [found[number] for number in range(len(found))]

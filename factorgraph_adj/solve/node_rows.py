@@ -23,8 +23,8 @@ from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..graph.image_blocks import PointSums
 from ..types import Array, Index, Mask
+from .block_matrix import BlockMatrix
 from .elimination_layers import first_point, rows_outside_first_layer
-from .fronts import BlockMatrix
 from .linearised_equations import LinearBlock, LinearisedEquations
 from .reduced_system import Nodes
 

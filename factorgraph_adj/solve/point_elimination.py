@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..types import Array, Index
-from .fronts import BlockMatrix
+from .block_matrix import BlockMatrix
 from .linearised_rays import (
     DIAGONAL_ELEMENTS,
     POINT_PARTIALS,

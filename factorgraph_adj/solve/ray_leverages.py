@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..types import Array, Index
-from .fronts import BlockMatrix
+from .block_matrix import BlockMatrix
 from .linearised_rays import POINT_PARTIALS, PointCholesky, symmetric_matrices
 from .node_rows import SpokeRows
 from .point_elimination import RayCovariances, ReducedPoints

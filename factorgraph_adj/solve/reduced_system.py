@@ -21,10 +21,24 @@ from ..graph.variables import State, Variables
 from ..models.rolling_shutter import MOTION
 from ..models.unknown_registry import UNKNOWNS, VariableKind
 from ..types import NO_ROWS, Array, Index, Mask
+from .block_matrix import BlockMatrix, ElementPlaces
 from .elimination_layers import RULE, Layers, first_point
-from .fronts import BlockMatrix
 from .nested_dissection import BlockPattern, Front, dissect
 from .unnoticed_motions import stations_of
+
+
+@dataclass(frozen=True)
+class ScatteredColumns:
+    """Places in the reduced system of the normal matrices of sets of columns."""
+
+    pattern: BlockPattern
+    """The blocks of the reduced system."""
+    columns: Index
+    """The sets, (m, w)."""
+    elements: Index
+    """Flat numbers of the elements (m, w, w) that have a place, (k,)."""
+    places: ElementPlaces
+    """Their places."""
 
 
 class NodePlaces:
@@ -43,6 +57,7 @@ class NodePlaces:
         """Begin without any place for some number of columns."""
         self._n_columns = n_columns
         self._structure: tuple[Index, BlockPattern, list[Front]] | None = None
+        self._scattered: list[ScatteredColumns] = []
 
     def _settle(
         self, node: Index, position: Index, column: Index, border: Index, kept: Index
@@ -93,6 +108,29 @@ class NodePlaces:
         """Return the fronts, with what is kept in the root."""
         last = np.unique(self.kept[self.kept < self.n * self.width] // self.width)
         return dissect(pattern, positions, last, self.leaves)
+
+    def pairs_of(self, columns: Index) -> Index:
+        """Return the pairs of nodes that sets of columns (m, w) join, n a + b each."""
+        place = self.place_of[columns]
+        node = np.where((place >= 0) & (place < self.n * self.width), place // self.width, -1)
+        first, second = node[:, :, None], node[:, None, :]
+        return np.unique((first * self.n + second)[(first >= 0) & (first < second)])
+
+    def add_normals(self, matrix: BlockMatrix, columns: Index, normal: Array) -> None:
+        """Add normal matrices (m, w, w) of sets of columns (m, w), in place.
+
+        Iterations add to the same places: they are found once for each array of columns.
+        """
+        known = [s for s in self._scattered if s.pattern is matrix.pattern]
+        found = next((s for s in known if s.columns is columns), None)
+        if found is None:
+            place = self.place_of[columns]
+            rows, others = np.broadcast_arrays(place[:, :, None], place[:, None, :])
+            on = np.flatnonzero((rows >= 0) & (others >= 0))
+            places = matrix.places_of(rows.ravel()[on], others.ravel()[on])
+            found = ScatteredColumns(matrix.pattern, columns, on, places)
+            self._scattered = [*known, found]
+        found.places.add(matrix, normal.ravel()[found.elements])
 
     def add_diagonal(self, matrix: BlockMatrix, extra: Array) -> None:
         """Add terms (n_columns,) to the diagonal, in place."""

@@ -9,7 +9,7 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.factor_graph.linear_isam2 import MAX_TURNS, IndeterminateError, LinearISAM2
-from factorgraph_adj.factor_graph.linear_rows import Arriving
+from factorgraph_adj.factor_graph.row_arrays import Arriving
 from factorgraph_adj.graph.equations import compile_rows
 from factorgraph_adj.observations import AnyObservation, Correlated, HeightDifference, SlopeDistance
 from factorgraph_adj.quality.group_tests import critical_t2

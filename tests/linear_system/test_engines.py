@@ -9,7 +9,7 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.factor_graph.linear_isam2 import MAX_TURNS, IndeterminateError, LinearISAM2
-from factorgraph_adj.factor_graph.linear_rows import Arriving
+from factorgraph_adj.factor_graph.row_arrays import Arriving
 from factorgraph_adj.ledger.command_input import Engine, Options
 from factorgraph_adj.linear_system import isam2_system
 from factorgraph_adj.linear_system.front_system import FrontSystem

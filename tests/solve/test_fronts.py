@@ -9,7 +9,8 @@ import pytest
 from scipy.spatial import cKDTree
 
 from factorgraph_adj.errors import SingularError
-from factorgraph_adj.solve.fronts import BlockMatrix, Fronts
+from factorgraph_adj.solve.block_matrix import BlockMatrix
+from factorgraph_adj.solve.fronts import Fronts
 from factorgraph_adj.solve.nested_dissection import (
     MAX_LEAF_NODES,
     BlockPattern,

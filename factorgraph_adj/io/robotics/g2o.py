@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
 from pathlib import Path
@@ -20,9 +21,19 @@ from ...network.network import Network
 from ...rotation import exp_rotation, rotation_of_quaternion
 from ...types import Array
 from ..format_reader import NetworkReader, Reader
+from ..numbers import MAX_NUMBER, parse_quantity
 from ..source import LeftOutReason, TextSource, is_unread
 from ..text_files import file_beginning
-from .pose_graph import LANDMARK, STANDING, WORLD, BodyPose, LandmarkSight, PoseEdge, PoseGraph
+from .pose_graph import (
+    LANDMARK,
+    STANDING,
+    WORLD,
+    BodyPose,
+    LandmarkSight,
+    PoseEdge,
+    PoseGraph,
+    in_plan,
+)
 
 MatrixChoice = Literal["information", "covariance", "square root"]
 """What the matrices of a file are; a square root R of the information has RᵀR = Σ⁻¹."""
@@ -299,7 +310,7 @@ class _Reading:
         titles = (*record.values, *["element of the matrix"] * n_matrix)
         values = np.array(
             [
-                self.source.field(line, w, what).number()
+                self._number(line, w, what)
                 for what, w in zip(titles, words[len(ids) :], strict=False)
             ]
         )
@@ -312,6 +323,14 @@ class _Reading:
             if covariance is None:
                 return None
         return names, values[:n], covariance
+
+    def _number(self, line: int, word: str, what: str) -> float:
+        """Return a number; only what is wrong with it needs its place and its title."""
+        with suppress(ValueError):
+            found = parse_quantity(word)
+            if abs(found) <= MAX_NUMBER:
+                return found
+        return self.source.field(line, word, what).number()
 
     def _covariance(self, line: int, word: str, size: int, numbers: Array) -> Array | None:
         """Return the covariance of the error of an edge; None after a problem."""
@@ -334,8 +353,7 @@ class _Reading:
     def _pose_of(self, line: int, record: PoseGraphRecord, values: Array) -> BodyPose | None:
         """Return the pose of values; None after a problem."""
         if record.values == _PLANE:
-            turn = exp_rotation(np.array([0.0, 0.0, values[2]]))
-            return BodyPose(turn, np.array([*values[:2], 0.0]))
+            return in_plan(*values.tolist())
         if record.values == _EULER:
             axes = np.eye(3)
             roll, pitch, yaw = (exp_rotation(a * axes[i]) for i, a in enumerate(values[3:]))

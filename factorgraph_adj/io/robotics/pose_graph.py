@@ -23,6 +23,7 @@ x axis: 90° less the angle of the file.
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict, deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -67,6 +68,12 @@ class BodyPose:
     def angle(self) -> float:
         """Angle of the x axis in plan, counter-clockwise from the x axis of the world, radians."""
         return float(np.arctan2(self.rotation[1, 0], self.rotation[0, 0]))
+
+
+def in_plan(x: float, y: float, angle: float) -> BodyPose:
+    """Return a pose in plan, whose x axis has an angle from that of the world, radians."""
+    c, s = math.cos(angle), math.sin(angle)
+    return BodyPose(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), np.array([x, y, 0.0]))
 
 
 STANDING = BodyPose(np.eye(3), np.zeros(3))
@@ -168,7 +175,7 @@ class PoseGraph:
             self._photos(network)
         for e in self.edges:
             with problems.collect(e.where):
-                network.add(*_with_covariance(add(e), e.covariance))
+                network.add(Correlated(add(e), e.covariance))
         for s in self.sights:
             with problems.collect(s.where):
                 network.add(self._sight(s))
@@ -192,11 +199,11 @@ class PoseGraph:
     @staticmethod
     def _observations(e: PoseEdge) -> tuple[Observation, ...]:
         turn = log_rotation(e.measured.rotation[None])[0]
-        names, at, c = (e.first, e.second), e.where, e.covariance
+        names, at, sigma = (e.first, e.second), e.where, np.sqrt(np.diag(e.covariance)).tolist()
         base = tuple(e.measured.place.tolist())
         return (
-            RelativePosition(*names, base, covariance=c[:3, :3], source=at),
-            RelativeRotation(*names, tuple(turn.tolist()), covariance=c[3:, 3:], source=at),
+            RelativePosition(*names, base, sigma=tuple(sigma[:3]), source=at),
+            RelativeRotation(*names, tuple(turn.tolist()), sigma=tuple(sigma[3:]), source=at),
         )
 
     # -- in plan ----------------------------------------------------------------------------------
@@ -213,11 +220,10 @@ class PoseGraph:
     @staticmethod
     def _planar_observations(e: PoseEdge) -> tuple[Observation, ...]:
         x, y = e.measured.place[:2].tolist()
-        names, at, c = (e.first, e.second), e.where, e.covariance
-        turn, sigma = -e.measured.angle, float(np.sqrt(c[2, 2]))
+        names, at, sigma = (e.first, e.second), e.where, np.sqrt(np.diag(e.covariance)).tolist()
         return (
-            PlanarVector(*names, (x, y), covariance=c[:2, :2], source=at),
-            HeadingDifference(*names, turn, sigma=sigma, source=at),
+            PlanarVector(*names, (x, y), sigma=tuple(sigma[:2]), source=at),
+            HeadingDifference(*names, -e.measured.angle, sigma=sigma[2], source=at),
         )
 
     def _sight(self, s: LandmarkSight) -> Observation:
@@ -226,13 +232,3 @@ class PoseGraph:
             return PlanarVector(s.body, s.landmark, (x, y), covariance=s.covariance, source=s.where)
         at = tuple(s.vector.tolist())
         return BodyVector(s.body, s.landmark, at, covariance=s.covariance, source=s.where)
-
-
-def _with_covariance(
-    pair: tuple[Observation, ...], covariance: Array
-) -> tuple[Observation | Correlated, ...]:
-    """Return position and rotation with a joint covariance, or alone where they have none."""
-    n = len(covariance) // 2 + len(covariance) % 2  # 3 of 6, 2 of 3
-    sigma = np.sqrt(np.diag(covariance))
-    joint = np.abs(covariance[:n, n:]) > np.finfo(float).eps * np.outer(sigma[:n], sigma[n:])
-    return (Correlated(pair, covariance),) if joint.any() else pair

@@ -180,7 +180,7 @@ def test_a_graph_in_space_is_adjusted_as_the_error_of_g2o_says(tmp_path: Path, h
 
 def test_half_angles_have_a_quarter_of_the_weight_of_rotation_vectors(tmp_path: Path) -> None:
     by = [read_g2o(write(tmp_path, SPACE), rotations=r).clusters for r in ("quaternion", "vector")]
-    assert len(by[0]) == len(by[1]) == 2  # of edges with a full matrix
+    assert len(by[0]) == len(by[1]) == 4  # three edges and a prior
     for (_, a), (_, b) in zip(by[0], by[1], strict=True):
         s = np.diag([1.0, 1, 1, 2, 2, 2])
         np.testing.assert_allclose(a, s @ b @ s, rtol=1e-12)
@@ -255,7 +255,7 @@ def test_toro_has_an_order_of_its_own_and_its_reader_takes_the_unit_for_no_matri
     np.testing.assert_allclose(np.linalg.inv(turn @ covariance @ turn), information, rtol=1e-12)
     network = fga.read(write(tmp_path, TORO, "b.graph"), sigmas=(0.5, 0.1))
     alone = [o for o in network.observations.values() if o.photo2 == "2" and o.photo == "1"]
-    assert [np.sqrt(o.covariance[0, 0]).round(9) for o in alone] == [0.5, 0.1]
+    assert [np.ravel(o.sigma)[0].round(9) for o in alone] == [0.5, 0.1]
     assert str(network.left_out[0]).startswith("equivalences: 1 left out")
 
 
