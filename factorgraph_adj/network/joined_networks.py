@@ -312,7 +312,7 @@ def _parameters(
     for kind in parameter_kinds():
         table = out.of_kind(kind.name)
         for old, parameter in network.of_kind(kind.name).items():
-            key = _renamed(old, new)
+            key = old if kind.in_photo else _renamed(old, new)
             there = table.setdefault(key, parameter)
             if not _alike(there, parameter):
                 what = f"is stated differently in {label!r}: {_values(there)}, {_values(parameter)}"
@@ -356,7 +356,8 @@ def _as_named(o: Observation, out: Network, label: str, new: Mapping[SetUp, str]
     if ident is not None and ident in out.observations:
         changes["id"] = f"{label}/{ident}"
     for (kind, attribute), (_, key) in zip(o.record.parameters, o.parameters(), strict=False):
-        renamed = _renamed(key, new)
+        # Names of photos are no set-ups, even if they look like station/set.
+        renamed = key if UNKNOWNS[kind].in_photo else _renamed(key, new)
         if renamed != key:
             found = UNKNOWNS[kind].absent == "found"
             changes[attribute] = renamed[1] if found else str(renamed)
@@ -375,7 +376,12 @@ def _defaults(
         used = {pair for o in network.observations.values() for pair in o.parameters()}
         for kind, key in sorted(used, key=str):
             record = UNKNOWNS[kind]
-            if record.default is None or record.at_point or key in network.of_kind(kind):
+            if (
+                record.default is None
+                or record.at_point
+                or record.in_photo
+                or key in network.of_kind(kind)
+            ):
                 continue
             stated = out.of_kind(kind).get(key)
             if stated is not None and stated.values != record.default:

@@ -82,3 +82,28 @@ def test_what_is_said_of_a_motion_needs_a_photo_that_moves(
     network.set_unknown("photo_motion", "F1")
     network.add(said)
     assert len(network.observations) == 1
+
+
+def test_photos_of_joined_networks_keep_their_motions() -> None:
+    """Also where the name of a photo looks like a station and a set that gets another name."""
+    networks = []
+    for label in ("one", "two"):
+        network = Network(label)
+        network.add_camera("camera", BrownForwardLens(), {"c": 30.0}, format=FORMAT, readout=0.03)
+        for name in ("A", "B", "C"):
+            network.add_point(name, (float(ord(name)), 1.0, 2.0))
+        for target in ("B", "C"):
+            network.add(fga.Direction("A", target, 1.0, set="1", sigma=1e-5))
+        networks.append(network)
+    second = networks[1]
+    second.add_photo("A/1", "camera", position=(0, 0, 80), omega_phi_kappa=(0, 0, 0))
+    second.add_photo("F", "camera", position=(40, 0, 80), omega_phi_kappa=(0, 0, 0))
+    second.set_unknown("photo_motion", "A/1", (1.0, 2.0, 3.0, 0.1, 0.2, 0.3))
+    second.add_shape("edge", "line", origin=(0.0, 0.0, 0.0))
+    second.add(fga.ImageLine("A/1", "edge", 1.0, 2.0, sigma=0.01))
+    second.add(PhotoShift("A/1", "F", "A/1", interval=4.0, sigma=(1.0, 1.0, 1.0)))
+    joined = fga.join(networks)
+    assert joined.of_kind("photo_motion") == second.of_kind("photo_motion")
+    kinds = {o.kind: o for o in joined.observations.values()}
+    assert kinds["image_line"].photo == kinds["photo_shift"].motion == "A/1"  # type: ignore[attr-defined]
+    compile_network(joined)

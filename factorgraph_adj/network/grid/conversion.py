@@ -139,7 +139,7 @@ def from_grid(
         *_points(network, out, move, points, xyz, sources or {}, problems),
         *_photos(network, out, move, photos, problems),
     ]
-    _parameters(network, out, move, points, problems)
+    _parameters(network, out, move, points, photos, problems)
     _deflections(network, out, move, points, problems)
     _observations(network, out, move, points, photos, problems)
     if problems:
@@ -247,15 +247,20 @@ def _without_place(photo: Photo, given: Photo) -> Photo:
 
 
 def _parameters(
-    network: Network, out: Network, move: GridMove, places: Moved, problems: list[Problem]
+    network: Network,
+    out: Network,
+    move: GridMove,
+    points: Moved,
+    positions: Array,
+    problems: list[Problem],
 ) -> None:
+    photos = move.photos(positions, list(network.photos))
     for kind, stated in network.parameters.items():
         record = UNKNOWNS[kind]
+        at = (photos, network.photo_number) if record.in_photo else (points, network.point_number)
         for key, parameter in stated.items():
             try:
-                out.of_kind(kind)[key] = moved_parameter(
-                    record, key, parameter, move, places, network.point_number
-                )
+                out.of_kind(kind)[key] = moved_parameter(record, key, parameter, move, *at)
             except InputError as error:
                 problems += error.problems
 

@@ -24,6 +24,7 @@ from ...observations.airborne_observations import (
     PhotoSight,
 )
 from ...observations.offsets import HydrostaticReading
+from ...observations.photo_motions import PhotoShift
 from ...observations.positions import ControlPoint, GnssVector, PhotoPosition
 from ...observations.relations import CoordinateDifference, PointDirection
 from ...observations.surface_heights import LevelHeight, ProfileHeight
@@ -207,6 +208,14 @@ def _(o: PhotoPosition, c: Context, place: Moved, row: int) -> Converted:
             velocity=tuple(velocity.tolist()),
         )
     ], k
+
+
+@converted.register
+def _(o: PhotoShift, c: Context, place: Moved, row: int) -> Converted:
+    k = c.photos.partials[c.photo(o.motion, o.label())]
+    covariance = k @ _of_axes(o) @ k.T
+    value = tuple((k @ np.array(o.value)).tolist())
+    return [replace(o, value=value, sigma=None, covariance=(covariance + covariance.T) / 2.0)], k
 
 
 @converted.register

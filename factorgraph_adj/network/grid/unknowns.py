@@ -190,7 +190,7 @@ def _triple(values: Any) -> tuple[float, float, float]:
 
 
 Convert = Callable[[Parameter, GridMove, Moved, int], Parameter]
-"""(parameter, change of frames, places of points, row of its point or −1) → the parameter."""
+"""(parameter, change of frames, places, row of its point or photo or −1) → the parameter."""
 
 
 def moved_parameter(
@@ -199,9 +199,17 @@ def moved_parameter(
     parameter: Parameter,
     move: GridMove,
     places: Moved,
-    point_number: Mapping[str, int],
+    number: Mapping[str, int],
 ) -> Parameter:
     """Return an unknown of the grid in the frame.
+
+    Args:
+        kind: its kind.
+        key: its name.
+        parameter: the unknown in the grid.
+        move: the change of frames.
+        places: places of the points, or of the photos if the unknown belongs to a photo.
+        number: their rows by name.
 
     Raises:
         InputError: its values count from axes of the grid and are held or weighted, or its kind
@@ -219,7 +227,7 @@ def moved_parameter(
         raise InputError(Problem(what, where))
     name = key if isinstance(key, str) else key[0]
     try:
-        return convert(parameter, move, places, point_number.get(name, -1))
+        return convert(parameter, move, places, number.get(name, -1))
     except InputError as error:
         raise InputError(p.at(where) for p in error.problems) from None
 
@@ -270,6 +278,35 @@ def _axes_alike(parameter: Parameter, move: GridMove, places: Moved, row: int) -
     raise InputError(Problem(what))
 
 
+def _motion(parameter: Parameter, move: GridMove, places: Moved, row: int) -> Parameter:
+    """Motions of photos: v = K v_grid, K = ∂X/∂x; the turn is about the axes of the camera.
+
+    A σ that is the same along all axes of the grid is nearly so along those of the frame: that of
+    each is taken from K Kᵀ σ², and correlations of less than a hundredth are left out.
+    """
+    velocity = np.array(parameter.values[:3])
+    k = places.partials[row]
+    if not places.there(row):
+        if velocity.any() or np.isfinite(parameter.sigma[:3]).any():
+            raise InputError(no_place(""))
+        return parameter
+    sigma, fixed = parameter.sigma[:3], parameter.fixed[:3]
+    if len(set(sigma)) > 1 or len(set(fixed)) > 1:
+        what = (
+            "its velocity is held or weighted along axes of the grid that are others in the frame: "
+            "hold all of it or nothing, with the same standard deviation in all axes"
+        )
+        raise InputError(Problem(what))
+    scaled = sigma
+    if np.isfinite(sigma[0]):
+        scaled = tuple((sigma[0] * np.sqrt(np.diag(k @ k.T))).tolist())
+    return replace(
+        parameter,
+        values=(*(k @ velocity).tolist(), *parameter.values[3:]),
+        sigma=(*scaled, *parameter.sigma[3:]),
+    )
+
+
 def _frame(parameter: Parameter, move: GridMove, places: Moved, row: int) -> Parameter:
     """Frames of their own: R and O are turned and moved at O, or in the middle of the network."""
     values: Any = np.array(parameter.values, dtype=float)
@@ -308,6 +345,7 @@ CONVERSIONS: dict[str, Convert] = {
     "edm": _kept,
     "frame": _frame,
     "mount": _kept,
+    "photo_motion": _motion,
     "drift": _axes_alike,
     "attitude_drift": _axes_alike,
     "size": _kept,
