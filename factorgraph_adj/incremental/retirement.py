@@ -63,7 +63,7 @@ class Leaving(NamedTuple):
     def of(
         cls, ledger: Ledger, variables: Iterable[Variable], between: Collection[str] = ()
     ) -> Leaving:
-        """Return some unknowns with orientations and calibrations of no further use.
+        """Return some unknowns with orientations, motions and calibrations of no further use.
 
         Args:
             ledger: the ledger with their rows.
@@ -71,8 +71,9 @@ class Leaving(NamedTuple):
             between: ids of further observations, which touch only what is given.
         """
         gone = dict.fromkeys(variables)
-        for kind, name in list(gone):
-            lens = calibration_name(ledger.network, name) if kind == "pose" else ""
+        for name in [name for kind, name in gone if kind == "pose"]:
+            gone |= dict.fromkeys(ledger.network.of_photo(name))
+            lens = calibration_name(ledger.network, name)
             if "@" in lens and lens not in ledger.network.cameras:
                 gone["calibration", lens] = None
         every = Candidates(ledger, NothingKnown(), np.flatnonzero(ledger.rows.status != REMOVED))
@@ -354,9 +355,8 @@ def _marginal(draft: Draft, leaving: Leaving, before: Retired | None) -> Rest:
             gone.append(unknowns.columns(kind, number))
     rows = _rows_of(equations, leaving.variables)
     rows = np.unique(np.concatenate([rows, *equations.find(leaving.between)]))
-    if before is None:
-        return Rest(*marginalise(normal, rows, gone))
-    return Rest(*marginalise(normal, rows, gone, before.prior, before.missed))
+    earlier = () if before is None else (before.prior, before.missed)
+    return Rest(*marginalise(normal, rows, gone, *earlier))
 
 
 def _rows_of(equations: Equations, variables: Collection[Variable]) -> Index:

@@ -81,7 +81,14 @@ def read_camera_record(row: FieldRow, name: str, network: Network) -> ImageAxes:
     if name not in network.cameras:
         n = len(lens.names)
         network.cameras[name] = Camera(
-            name, lens, (1.0,) * n, (True,) * n, (float("inf"),) * n, unit
+            name,
+            lens,
+            (1.0,) * n,
+            (True,) * n,
+            (float("inf"),) * n,
+            unit,
+            format=sides or (1.0, 1.0),
+            readout=readout,
         )
     return axes
 

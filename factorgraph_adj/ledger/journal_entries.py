@@ -186,6 +186,11 @@ def everything_of(
     found = {
         "points": [point_fields(p) for n, p in network.points.items() if n in points],
         "photos": [photo_fields(f) for n, f in network.photos.items() if n in photos],
+        "unknowns": [
+            unknown_fields(kind, key, network.of_kind(kind)[key])
+            for photo in photos
+            for kind, key in network.of_photo(photo)
+        ],
     }
     return {k: v for k, v in found.items() if v} | difference(replace(mine, rows=RowStore()), mine)
 

@@ -125,8 +125,16 @@ class Ledger:
         return out.with_values("point", {n: list(p.coordinates) for n, p in placed.items()})
 
     def _touched_variables(self, network: Network) -> Iterator[tuple[str, list[Variable]]]:
-        """Yield the first id of each unit, and its variables here and in another network."""
+        """Yield the first id of each unit, and its variables here and in another network.
+
+        Of image points these are the motions of their photos in the other network.
+        """
         rows = np.flatnonzero(self.rows.status != REMOVED)
+        rays = self.rows.images(rows)
+        numbers, first = np.unique(self.rows.photo[rays], return_index=True)
+        for number, row in zip(numbers.tolist(), rays[first].tolist(), strict=True):
+            if own := network.of_photo(self.names.photos[number]):
+                yield self.ids_of(np.array([row]))[0], [*own]
         for _, unit in self.rows.units(rows):
             now = Unit.of(network, unit.observations, unit.covariance).variables
             yield unit.ids[0], [*now, *unit.variables]

@@ -29,10 +29,13 @@ class PhotoMotions:
         return tuple((k, photo) for k in kinds)
 
     def check_readout(self, photo: str, where: str) -> None:
-        """Refuse a photo that is not there, or whose camera reads all rows at the same time."""
+        """Refuse a photo that is not there, or whose camera reads all rows at the same time.
+
+        Readers report a photo without a camera themselves.
+        """
         required(photo, self.photos, "photo", where)
         camera = self.photos[photo].camera
-        if self.cameras[camera].times() is None:
+        if camera in self.cameras and self.cameras[camera].times() is None:
             what = (
                 f"camera {camera!r} has no readout time, so that no image point tells the motion: "
                 "state readout and format of the camera, or no motion"

@@ -79,6 +79,9 @@ class SharedVariable:
     stated: tuple[float, ...] = ()
     """Given values of the components, NaN where unknown, of a kind of which single rotations may be
     held: the stored rotation is not known before all three are."""
+    moves: bool | None = None
+    """Whether a photo with image points in the part has a motion during their readout; None: it has
+    no image points there, or it is another variable."""
 
 
 @dataclass(frozen=True)
@@ -387,6 +390,10 @@ def _differences(
             out.append(
                 Problem(f"{what}: state it in the same way, or give one another name", where)
             )
+        elif {one.moves, other.moves} == {True, False}:
+            moving, still = (names[number], names[other_number])[:: 1 if one.moves else -1]
+            what = f"part {moving!r} states its motion during the readout, and part {still!r} none"
+            out.append(Problem(f"{what}: state it in the same way in both", where))
         elif one.components != other.components:
             out.append(Problem(f"it has different components {both}", where))
         elif not np.array_equal(one.free, other.free):

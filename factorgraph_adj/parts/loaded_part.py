@@ -169,9 +169,17 @@ class LoadedPart:
                         table.sigma[number, :k].copy(),
                         table.values[number].copy(),
                         single[name].values if name in single else (),
+                        self._moves(name) if kind == "pose" else None,
                     )
                 )
         return out
+
+    def _moves(self, photo: str) -> bool | None:
+        """Return whether a photo has a motion; None: the part has no image points of it."""
+        own, _, _, _ = self.network.images.columns()
+        if not (own == self.network.photo_number[photo]).any():
+            return None
+        return bool(self.network.of_photo(photo))
 
     def observations_at(self, keys: Keys) -> tuple[Keys, list[Index]]:
         """Return a number for each observation whose unknowns all have some keys, and its place.
@@ -359,7 +367,10 @@ def _of_photo(network: Network, name: str) -> str:
 
 def _of_calibration(network: Network, name: str) -> str:
     camera = camera_of_calibration(network, name)
-    return f"{camera.lens} in {camera.unit}"
+    read = (
+        "" if camera.times() is None else f", read {camera.readout_towards} in {camera.readout} s"
+    )
+    return f"{camera.lens} in {camera.unit}{read}"
 
 
 def _of_frame(network: Network, name: str) -> str:

@@ -25,7 +25,7 @@ def strip(**stated: Any) -> Network:
     network = Network("in the grid")
     network.add_camera("c", BrownForwardLens(), {"c": 30.0}, format=(36, 24), readout=0.03)
     for i in range(3):
-        at = PLACE + [40.0 * i, 5.0 * i, 1.0 * i]
+        at = PLACE + np.array([40.0, 5.0, 1.0]) * i
         network.add_photo(f"F{i}", "c", position=at, omega_phi_kappa=(0.02 * i, 0.1, 0.3))
     network.set_unknown("photo_motion", "F1", (*VELOCITY, *TURN), **stated)
     return network
@@ -34,7 +34,7 @@ def strip(**stated: Any) -> Network:
 @pytest.mark.parametrize("frame", ["geocentric", "topocentric"])
 def test_a_photo_is_at_the_same_place_after_a_second(frame: Any) -> None:
     later = strip()
-    later.add_photo("later", "c", position=PLACE + [40.0, 5.0, 1.0] + VELOCITY)
+    later.add_photo("later", "c", position=PLACE + np.array([40.0, 5.0, 1.0]) + VELOCITY)
     network = fga.from_grid(later, SYSTEM, frame=frame)
     motion = np.array(network.of_kind("photo_motion")["F1"].values)
     position = np.array(network.photos["F1"].position)

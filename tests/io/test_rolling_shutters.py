@@ -9,7 +9,7 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.errors import Problem
-from factorgraph_adj.io.json_records import camera_fields, camera_of
+from factorgraph_adj.io.json_records import camera_fields, camera_of, unknown_fields, unknown_of
 from factorgraph_adj.io.photogrammetry.metashape_writer import write_metashape
 from factorgraph_adj.io.writers import WRITERS, Writer
 from factorgraph_adj.models.rolling_shutter import TOWARDS, Towards
@@ -89,3 +89,33 @@ def test_records_of_cameras_have_their_readout(towards: Towards) -> None:
     network = block(moving=False)
     camera = replace(network.cameras["camera"], readout=0.0123456789, readout_towards=towards)
     assert camera_of(camera_fields(camera)) == camera
+
+
+def test_records_of_motions_stand_alone() -> None:
+    """A record knows neither the photo nor its camera."""
+    for key, motion in block(moving=True).of_kind("photo_motion").items():
+        fields = unknown_fields("photo_motion", key, motion)
+        assert fields["kind"] == "photo_motion"
+        assert unknown_of(fields) == ("photo_motion", key, motion)
+
+
+def test_a_project_tells_once_what_is_wrong_with_a_photo_that_moves(tmp_path: Path) -> None:
+    network = block(moving=True)
+    fga.write_project(network, tmp_path / "project.toml")
+    photos = tmp_path / "photos.csv"
+    rows = photos.read_text(encoding="utf-8").splitlines()
+    wrong = [r.replace(",camera,", ",another,") if r.startswith("F1,") else r for r in rows]
+    assert wrong != rows
+    photos.write_text("\n".join(wrong) + "\n", encoding="utf-8")
+    with pytest.raises(fga.InputError) as caught:
+        fga.read_project(tmp_path / "project.toml")
+    assert not [p for p in caught.value.problems if "readout" in p.what]
+    photos.write_text("\n".join(rows) + "\n", encoding="utf-8")
+    toml = (tmp_path / "project.toml").read_text(encoding="utf-8")
+    lines = [line for line in toml.splitlines() if not line.startswith("readout")]
+    (tmp_path / "project.toml").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    with pytest.raises(fga.InputError) as caught:
+        fga.read_project(tmp_path / "project.toml")
+    said = [p for p in caught.value.problems if "has no readout time" in p.what]
+    assert len(said) == len(network.photos)
+    assert "photo_motions.csv" in said[0].where

@@ -23,6 +23,7 @@ from factorgraph_adj.types import Array
 from tests.benchmarks.grids import simulate_grid, simulate_mixed
 from tests.networks import shapes, simulated
 from tests.networks.frames import network_of_frames
+from tests.networks.rolling_drone import flown, measured
 from tests.networks.small_block import small_block
 from tests.support.places import data_dir
 
@@ -549,3 +550,39 @@ def test_frames_that_parts_state_differently_are_refused(stated, message):
         networks.append(network)
     with pytest.raises(fga.InputError, match=message):
         fga.adjust_parts([part_of("south", networks[0]), part_of("north", networks[1])])
+
+
+def test_photos_that_move_are_cut_by_nested_dissection(tmp_path):
+    network = measured(flown(6, 1, 400), 1)
+    for photo in ("F0", "F5"):  # strips are weak at their ends
+        network.set_unknown("photo_motion", photo, sigma=(10.0, 10.0, 10.0, 0.1, 0.1, 0.1))
+    for kind in (fga.PhotoShift, fga.PhotoTurn):
+        network.add(kind("F1", "F3", "F2", interval=8.0, sigma=(8.0,) * 3))
+    found = equal_to_the_whole(network, 2, tmp_path)
+    assert len(found.jobs) == 2
+
+
+def strips_of_one_photo():
+    """Return two parts, each with half of the image points of a photo that moves."""
+    parts = []
+    for half in (0, 1):
+        network = measured(flown(3, 1, 120), 1)
+        network.image_mask(np.arange(network.n_image_points) % 2 == half)
+        for ident in [*network.observations][half::2]:
+            del network.observations[ident]
+        parts.append(network)
+    return parts
+
+
+def test_a_photo_that_moves_in_one_part_moves_in_the_other():
+    one, two = strips_of_one_photo()
+    del two.of_kind("photo_motion")["F1"]
+    said = r"photo 'F1': part 'one' states its motion during the readout, and part 'two' none"
+    with pytest.raises(fga.InputError, match=said):
+        fga.adjust_parts([part_of("one", one), part_of("two", two)])
+    with pytest.raises(fga.InputError, match=said):
+        fga.adjust_parts([part_of("two", two), part_of("one", one)])
+    one, two = strips_of_one_photo()
+    two.cameras["camera"] = replace(two.cameras["camera"], readout=0.02)
+    with pytest.raises(fga.InputError, match=r"read down in 0\.03 s in one and .* in 0\.02 s in"):
+        fga.adjust_parts([part_of("one", one), part_of("two", two)])
