@@ -95,7 +95,15 @@ def drawn(kind: str, rng: np.random.Generator) -> o.Observation:
     if "shutter" in have and rng.random() < 0.5:
         out |= {"shutter": "s", "velocity": tuple(number(rng) for _ in range(3))}
     out |= {n: number(rng) for n in have if n.endswith("_height") and rng.random() < 0.5}
-    needed = {"horizontal", "zenith", "bearing", "reference_x", "reference_y", "length"} & {*have}
+    needed = {
+        "horizontal",
+        "zenith",
+        "bearing",
+        "reference_x",
+        "reference_y",
+        "length",
+        "interval",
+    } & {*have}
     out |= {n: abs(number(rng)) % 3.0 + 0.01 for n in needed if n not in out}
     out |= {n: next(free) for n in ("start", "end") if n in have}
     if "face" in have:
