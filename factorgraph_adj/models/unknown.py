@@ -60,6 +60,8 @@ class Component:
     power: int = 0
     """Power of the time t by which observations multiply it: its unit is one per unit of t to this
     power, which reports say."""
+    time: str = "t"
+    """Unit of t, where it is always the same: s."""
     planned: float = float("nan")
     """Value that a plan takes where none is given: no partial depends on it, or it is the natural
     one, as no offset from an origin that was stated; NaN: a plan refuses the unknown."""

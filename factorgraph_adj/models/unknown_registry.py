@@ -193,8 +193,8 @@ _BUILT_IN: Sequence[UnknownKind] = (
         "motion of photo",
         "x",
         (
-            *(Component(f"{a}_t", "length", power=1) for a in "xyz"),
-            *(Component(f"r{a}_t", "angle", power=1) for a in "xyz"),
+            *(Component(f"{a}_t", "length", whole=True, power=1, time="s") for a in "xyz"),
+            *(Component(f"r{a}_t", "angle", whole=True, power=1, time="s") for a in "xyz"),
         ),
         short="motion",
         motions=datum_motions.of_photo_motions,

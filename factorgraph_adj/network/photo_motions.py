@@ -1,14 +1,21 @@
-"""Motions of photos in a network: which photos can have one, and who has to know of them."""
+"""Motions of photos in a network: which photos can have one, and motions along a strip."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
-from ..entities import Camera, Parameter, Photo
-from ..errors import InputError, Problem
+import numpy as np
+
+from ..entities import Camera, Parameter, Photo, sigmas
+from ..errors import InputError, Problem, unknown_name
 from ..models.unknown_registry import VariableKind, unknown_kind
+from ..observations.photo_motions import PhotoShift, PhotoTurn
 from .construction import required
+
+MOTION = "photo_motion"
+"""Kind of unknowns of motions."""
 
 
 class PhotoMotions:
@@ -20,6 +27,78 @@ class PhotoMotions:
     """Cameras by name."""
     parameters: dict[VariableKind, dict[Any, Parameter]]
     """Unknowns by kind and name."""
+    add: Any
+    """Adds observations, see `Network.add`."""
+    of_kind: Any
+    """Returns the stated unknowns of a kind by key."""
+    set_unknown: Any
+    """States an unknown of any kind."""
+
+    def add_strip_motions(
+        self,
+        times: Mapping[str, float],
+        *,
+        sigma_velocity: float | Sequence[float],
+        sigma_rate: float | Sequence[float],
+    ) -> list[str]:
+        """Tie the motions of the photos of a strip to their neighbours; return the ids of the ties.
+
+        The velocity of a photo is that from the photo before it to the photo after it, and so is
+        its turn; at the ends of the strip the photo itself is one of both. Each photo gets a
+        `PhotoShift` and a `PhotoTurn`, and a free motion if it has none yet. Call it for each
+        strip: between strips the platform turns round.
+
+        Args:
+            times: time of exposure of each photo of the strip, seconds, in any order.
+            sigma_velocity: standard deviation of the difference of a velocity from that between the
+                neighbours, m/s: one, or three along the axes of the network.
+            sigma_rate: the same of the turn, rad/s: one, or three about the axes of the camera.
+
+        Raises:
+            InputError: fewer than two photos, one that is unknown or whose camera has no readout
+                time, times that are equal or not finite, standard deviations that are not greater
+                than zero. All photos are named, and nothing is added.
+        """
+        where = "motions of a strip"
+        problems = [
+            Problem(unknown_name("photo", f, self.photos), where)
+            for f in times
+            if f not in self.photos
+        ]
+        problems += [
+            Problem(f"its time must be a finite number, not {t!r}", f"photo {f!r}")
+            for f, t in times.items()
+            if not np.isfinite(t)
+        ]
+        velocity = sigmas(sigma_velocity, 3, f"sigma_velocity of the {where}")
+        rate = sigmas(sigma_rate, 3, f"sigma_rate of the {where}")
+        if len(times) < 2:
+            problems.append(Problem(f"a strip has two photos or more, not {len(times)}", where))
+        if problems:
+            raise InputError(problems)
+        order = sorted(times, key=lambda f: times[f])
+        for f, after in pairwise(order):
+            if times[f] == times[after]:
+                what = f"has the time of photo {after!r}, {times[f]!r} s: photos of a strip differ"
+                problems.append(Problem(what, f"photo {f!r}"))
+        for f in order:
+            try:
+                self.check_readout(f, f"motion of photo {f!r}")
+            except InputError as error:
+                problems += error.problems
+        if problems:
+            raise InputError(problems)
+        ties = []
+        for i, f in enumerate(order):
+            first, last = order[max(i - 1, 0)], order[min(i + 1, len(order) - 1)]
+            interval = float(times[last] - times[first])
+            for kind, given in ((PhotoShift, velocity), (PhotoTurn, rate)):
+                x, y, z = (s * interval for s in given)
+                ties.append(kind(first, last, f, interval=interval, sigma=(x, y, z)))
+        for f in order:
+            if f not in self.of_kind(MOTION):
+                self.set_unknown(MOTION, f)
+        return list(self.add(*ties))
 
     def of_photo(self, photo: str) -> tuple[tuple[VariableKind, str], ...]:
         """Return kind and name of the stated unknowns of a photo, such as its motion."""

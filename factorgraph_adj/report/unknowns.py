@@ -31,8 +31,8 @@ _USUAL = {"refraction": "refraction", "vertical": "verticals", "edm": "distance 
 """Kinds that the heading of their table names first, and in what words."""
 _APART = ("frame",)
 """Kinds with a table of their own in the text report."""
-_PER = ("", "/t", "/t²")
-"""What stands behind the unit of a component that observations multiply by a power of t."""
+_POWERS = ("", "", "²")
+"""What stands behind the unit of time of a component that observations multiply by a power of t."""
 STRONG_CORRELATION = 0.8
 """Smallest absolute correlation of calibration parameters that is reported as strong."""
 MAX_COMPONENTS_HELD_SHOWN = 2
@@ -73,6 +73,13 @@ class UnknownComponent:
     """Value that was given."""
     power: int = 0
     """Power of the unit of time by which ``unit`` is divided."""
+    time: str = "t"
+    """Unit of time; t: that of the observations."""
+
+    @property
+    def unit_name(self) -> str:
+        """Name of the unit with that of time: m/s."""
+        return self.unit.name + (f"/{self.time}{_POWERS[self.power]}" if self.power else "")
 
     @property
     def known(self) -> bool:
@@ -146,6 +153,7 @@ def unknown_components(report: Report) -> Iterator[UnknownComponent]:
                     component.sign or component.name,
                     parameter.values[i],
                     component.power,
+                    component.time,
                 )
 
 
@@ -216,7 +224,7 @@ def unknown_columns(report: Report) -> list[Column[UnknownComponent]]:
             shown=lambda u: "held" if u.known else None,
             translated=True,
         ),
-        Column(title="unit", value=lambda u: u.unit.name, only=("html", "csv")),
+        Column(title="unit", value="unit_name", only=("html", "csv")),
         replace(state, only=("html", "csv")),
         Column(title="t", value=of_test("t"), only=("csv",)),
         Column(title="t", value=read("t"), digits=2, help="t", only=READ),
@@ -235,7 +243,7 @@ def _named_columns(report: Report) -> list[Column[UnknownComponent]]:
     """Return the columns of tables with unknowns of several names."""
 
     def label(u: UnknownComponent) -> str:
-        return f"{u.sign} [{u.unit.name}{_PER[u.power]}]" if u.unit.name else u.sign
+        return f"{u.sign} [{u.unit_name}]" if u.unit.name else u.sign
 
     return [
         Column(title="unknown", value=_title, only=("text",)),
@@ -436,6 +444,6 @@ def other_unknowns_section(report: Report) -> list[str]:
     kinds = ", ".join([*usual, *sorted(further)])
     shown = as_text(replace(made, rows=some))
     note = [*note, *_meaning(report, shown)]
-    if any(u.power for u in rows):
+    if any(u.power and u.time == "t" for u in rows):
         note = [*note, "  t of units: the time or place along a strip, in the unit of observations"]
     return [*title(kinds[:1].upper() + kinds[1:]), *shown, *note]

@@ -107,3 +107,46 @@ def test_photos_of_joined_networks_keep_their_motions() -> None:
     kinds = {o.kind: o for o in joined.observations.values()}
     assert kinds["image_line"].photo == kinds["photo_shift"].motion == "A/1"  # type: ignore[attr-defined]
     compile_network(joined)
+
+
+def test_motions_of_a_strip_are_tied_to_the_neighbours_in_time() -> None:
+    network = photos()
+    network.set_unknown("photo_motion", "F2", fixed=("rx_t", "ry_t", "rz_t"))
+    times = {"F2": 9.0, "F0": 1.0, "F1": 4.0}
+    ids = network.add_strip_motions(times, sigma_velocity=0.5, sigma_rate=(0.1, 0.2, 0.3))
+    ties = [network.observations[i] for i in ids]
+    assert [(o.photo, o.photo2, o.motion, o.interval) for o in ties[::2]] == [  # type: ignore[attr-defined]
+        ("F0", "F1", "F0", 3.0),
+        ("F0", "F2", "F1", 8.0),
+        ("F1", "F2", "F2", 5.0),
+    ]
+    assert [o.kind for o in ties] == ["photo_shift", "photo_turn"] * 3
+    assert ties[2].sigma == (4.0, 4.0, 4.0)  # type: ignore[attr-defined]
+    assert ties[3].sigma == pytest.approx((0.8, 1.6, 2.4))  # type: ignore[attr-defined]
+    stated = network.of_kind("photo_motion")
+    assert [any(stated[f].fixed) for f in times] == [True, False, False]
+
+
+@pytest.mark.parametrize(
+    ("times", "said"),
+    [
+        ({"F0": 0.0}, "two photos or more, not 1"),
+        ({"F0": 0.0, "F7": 1.0, "F8": 2.0}, "unknown photo 'F7'(.|\n)*unknown photo 'F8'"),
+        ({"F0": 0.0, "F1": float("nan")}, r"photo 'F1': its time must be a finite number"),
+        ({"F0": 1.0, "F1": 1.0}, r"photo 'F0': has the time of photo 'F1', 1\.0 s"),
+    ],
+)
+def test_a_strip_has_photos_of_different_times(times: dict[str, float], said: str) -> None:
+    network = photos()
+    with pytest.raises(fga.InputError, match=said):
+        network.add_strip_motions(times, sigma_velocity=1.0, sigma_rate=0.1)
+    assert not network.observations
+    assert not network.of_kind("photo_motion")
+
+
+def test_a_strip_needs_readout_times_and_standard_deviations() -> None:
+    times = {"F0": 0.0, "F1": 1.0}
+    with pytest.raises(fga.InputError, match=r"'F0'.*no readout time(.|\n)*'F1'.*no readout time"):
+        photos(None).add_strip_motions(times, sigma_velocity=1.0, sigma_rate=0.1)
+    with pytest.raises(fga.InputError, match="sigma_rate"):
+        photos().add_strip_motions(times, sigma_velocity=1.0, sigma_rate=0.0)

@@ -10,7 +10,7 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.network.network import Network
-from factorgraph_adj.observations import ImagePoint, PhotoShift, PhotoTurn
+from factorgraph_adj.observations import ImagePoint
 from factorgraph_adj.quality.precision_maps import precision_map
 from factorgraph_adj.statistical_tests import global_test
 from factorgraph_adj.triangulation.independent_models import relative_model
@@ -108,14 +108,8 @@ def test_motions_follow_from_the_neighbours() -> None:
     """Where a photo has few image points, the way between its neighbours tells its motion."""
     plan = flown(5, 1, 120)
     network = measured(plan, 1)
-    photos = list(network.photos)
-    for i, photo in enumerate(photos):
-        before, after = photos[max(i - 1, 0)], photos[min(i + 1, len(photos) - 1)]
-        interval = INTERVAL * (photos.index(after) - photos.index(before))
-        shift = tuple(1.5 * interval * np.ones(3))
-        turn = tuple(0.2 * interval * np.ones(3))
-        network.add(PhotoShift(before, after, photo, interval=interval, sigma=shift))
-        network.add(PhotoTurn(before, after, photo, interval=interval, sigma=turn))
+    times = {photo: INTERVAL * i for i, photo in enumerate(network.photos)}
+    network.add_strip_motions(times, sigma_velocity=1.5, sigma_rate=0.2)
     solution = fga.adjust(network)
     for photo, true in true_motions(plan).items():
         found = solution.unknown("photo_motion", photo)
