@@ -15,7 +15,7 @@ from ..quality.error_effects import row_place, unit_error_shifts
 from ..quality.group_tests import GroupReliability
 from ..quality.reliability import Reliability, point_redundancy
 from ..statistical_tests import global_test
-from ..types import Mask
+from ..types import Index, Mask
 from ..units import decimal, significant
 from .adjusted_observations import lists_every_observation, redundancy_text
 from .adjustment_report import Report
@@ -26,6 +26,9 @@ OBSERVATIONS_PER_SOLVE = 8
 """Number of observations whose effects are computed in one solve."""
 MAX_WEAKEST_LISTED = 5
 """Number of weakest observations and of weakest points that are listed."""
+MIN_REDUNDANCY_OF_CONTROL = 0.01
+"""Redundancy number below which an observation is controlled in name only: German practice calls
+observations below 1 % not controlled, as their smallest detectable errors exceed 41 σ."""
 MAX_NAMES_IN_SENTENCE = 8
 """Largest number of names in a sentence."""
 MAX_INSEPARABLE_LISTED = 4
@@ -124,6 +127,13 @@ def _count(rows: Mask) -> str:
     return str(int(rows.sum()) or "–")
 
 
+def hardly_controlled(report: Report, rel: Reliability) -> Index:
+    """Return the rows with redundancy numbers that control in name only, by their size."""
+    r = rel.redundancy_numbers
+    rows = np.flatnonzero(rel.controlled & ~report.stiff & (r < MIN_REDUNDANCY_OF_CONTROL))
+    return rows[np.argsort(r[rows], kind="stable")]
+
+
 def _words(report: Report, rel: Reliability) -> list[str]:
     """Return sentences that explain the figures."""
     out = []
@@ -151,6 +161,20 @@ def _words(report: Report, rel: Reliability) -> list[str]:
         if len(lonely):
             named = listed([names[i] for i in lonely], MAX_NAMES_IN_SENTENCE)
             out.append(f"points with no controlled observation: {named}")
+    hardly = hardly_controlled(report, rel)
+    if len(hardly):
+        shown = [
+            unbroken(f"{row.kind_name} {row.what}")
+            + f" {redundancy_text(float(rel.redundancy_numbers[i]))}"
+            for row, i in zip(
+                report.rows.at(hardly[:MAX_NAMES_IN_SENTENCE]), hardly.tolist(), strict=False
+            )
+        ]
+        out.append(
+            f"hardly controlled, r < {MIN_REDUNDANCY_OF_CONTROL:g} ({len(hardly)} scalar "
+            f"observation{'s' * (len(hardly) > 1)}): smallest detectable errors above "
+            f"{rel.delta0 / MIN_REDUNDANCY_OF_CONTROL**0.5:.0f} σ; smallest r: " + ", ".join(shown)
+        )
     if report.stiff.any():
         out.append(_ties(report, rel))
     return [line for text in out for line in paragraph(text)]

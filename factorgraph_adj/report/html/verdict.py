@@ -12,7 +12,7 @@ from ...quality.point_precision import check_points
 from ...quality.reliability import point_redundancy
 from ...statistical_tests import global_test
 from ...units import LENGTH
-from ..adjusted_observations import test_symbol
+from ..adjusted_observations import redundancy_text, test_symbol
 from ..adjustment_report import Report
 from ..catalogue import Texts
 from ..doubtful_results import (
@@ -24,6 +24,7 @@ from ..doubtful_results import (
 from ..epochs_report import EpochsReport
 from ..layout import listed, percent, short
 from ..misfit_causes import all_doubts
+from ..reliability import MIN_REDUNDANCY_OF_CONTROL, hardly_controlled
 
 LightColour: TypeAlias = Literal["green", "amber", "red", "none"]
 """State of a light; ``none``: nothing to judge."""
@@ -222,7 +223,12 @@ def _controlled(report: Report, t: Texts) -> Light:
     n = int((~rel.controlled & ~report.stiff).sum())
     if not n:
         least = max(float(rel.redundancy_numbers[~report.stiff].min(initial=1.0)), 0.0)
-        return Light("green", title, t("light_controlled_all", least=f"{least:.2f}"), link="groups")
+        shown = redundancy_text(least)
+        if hardly := len(hardly_controlled(report, rel)):
+            limit = f"{MIN_REDUNDANCY_OF_CONTROL:g}"
+            text = t.number("light_controlled_hardly", hardly, limit=limit, least=shown)
+            return Light("amber", title, text, link="groups")
+        return Light("green", title, t("light_controlled_all", least=shown), link="groups")
     text = t.number("light_controlled_some", n)
     counts = point_redundancy(rel)
     lonely = np.flatnonzero((counts.rows > 0) & (counts.uncontrolled == counts.rows))

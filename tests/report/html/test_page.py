@@ -19,6 +19,7 @@ from factorgraph_adj.report.catalogue import Texts
 from factorgraph_adj.report.html.page import adjustment_html, write_report
 from factorgraph_adj.report.html.rendering import ROWS_PER_PAGE
 from factorgraph_adj.report.html.verdict import adjustment_verdict
+from factorgraph_adj.report.text import render_text
 from tests.networks.reported import NASTY, heights_alone, nasty_names, three_points
 from tests.networks.small_block import small_block
 from tests.support.pages import data_of, elements
@@ -184,8 +185,29 @@ def test_observations_that_nothing_controls_are_counted():
     network.add(fga.HeightDifference("A", "B", 1.0, sigma=0.001))
     report = Report(fga.adjust(network))
     colours = {x.title: x.colour for x in adjustment_verdict(report, EN).lights}
-    assert colours["Global test"] == "amber" and colours["Control"] == "amber"
+    assert colours["Global test"] == "amber" and colours["Controlled observations"] == "amber"
     assert adjustment_html(report)
+
+
+@pytest.mark.parametrize(("sigma_mm", "colour"), [(5.0, "green"), (30.0, "amber")])
+def test_control_in_name_only_is_no_praise(sigma_mm: float, colour: str) -> None:
+    """Redundancy numbers of two levellings are σ² shares: 1/26 and 1/901 of the precise one."""
+    network = fga.Network("two levellings")
+    network.add_point("A", (0.0, 0.0, 0.0), fixed="xyz")
+    network.add_point("B", (0.0, 0.0, 1.0), fixed="xy")
+    network.add(fga.HeightDifference("A", "B", 1.0, sigma=0.001))
+    network.add(fga.HeightDifference("A", "B", 1.001, sigma=1e-3 * sigma_mm))
+    report = Report(fga.adjust(network))
+    (light,) = (
+        x for x in adjustment_verdict(report, EN).lights if x.title == "Controlled observations"
+    )
+    assert light.colour == colour
+    assert ("0.0385" if colour == "green" else "redundancy number of 0.00111") in light.text
+    said = " ".join(render_text(report).split())
+    hardly = "hardly controlled, r < 0.01 (1 scalar observation): smallest detectable errors above"
+    assert (f"{hardly} 41 σ; smallest r: height difference A → B 0.00111" in said) == (
+        colour == "amber"
+    )
 
 
 # -- plan -----------------------------------------------------------------------------------------
