@@ -27,6 +27,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -50,6 +51,10 @@ MIN_CIRCULAR_RATIO = 0.6
 """Least ratio RMSE_min / RMSE_max of the circular approximation of NSSDA."""
 ANGLES, BISECTIONS = 4000, 60
 """Numbers of angles of the mean, and of halvings of the radius of 95 %."""
+ASPRS, NSSDA = "ASPRS edition 2", "NSSDA"
+"""Names of the standards in messages."""
+SurveyDirection: TypeAlias = Literal["horizontal", "vertical"]
+"""Direction of a survey error."""
 LEAST_SURVEY_RATIO = 2.0
 """Check points are to be this many times more accurate than the product (ASPRS edition 2, 7.11)."""
 
@@ -105,36 +110,52 @@ class PositionalAccuracy(Shown):
         """Accuracy_r and Accuracy_z of NSSDA, 95 %."""
         return circular_95(self.rmse[0], self.rmse[1]), LINEAR_95 * float(self.rmse[2])
 
-    def remarks(self, area_km2: float | None = None) -> tuple[str, ...]:
-        """Return what the standards ask for and these check points lack, as sentences.
+    @property
+    def number(self) -> int:
+        """Number of check points: the least number of known coordinates of an axis that has any."""
+        return min((c for c in self.counts if c), default=0)
+
+    def shortfalls(self, area_km2: float | None = None) -> tuple[tuple[str, int], ...]:
+        """Return the standards that ask for more check points, and how many they ask for.
 
         Args:
             area_km2: area of the project, by which ASPRS states the number of check points; None:
                 the least number.
         """
-        out = []
-        n = min((c for c in self.counts if c), default=0)
-        least = check_points_needed(area_km2)
-        if n < least:
-            out.append(f"{n} check points are fewer than the {least} of ASPRS edition 2")
-        if n < MIN_CHECK_POINTS_NSSDA:
-            out.append(f"{n} check points are fewer than the {MIN_CHECK_POINTS_NSSDA} of NSSDA")
-        if self.survey == (0.0, 0.0):
-            out.append("the survey error of the check points is not stated: it counts as 0")
-        for what, own, total in (
+        asked = (ASPRS, check_points_needed(area_km2)), (NSSDA, MIN_CHECK_POINTS_NSSDA)
+        return tuple((name, least) for name, least in asked if self.number < least)
+
+    @property
+    def coarse_surveys(self) -> tuple[tuple[SurveyDirection, float, float], ...]:
+        """Directions in which the survey error is more than half of the RMSE, with both, metres."""
+        both: tuple[tuple[SurveyDirection, float, float], ...] = (
             ("horizontal", self.survey[0], self.rmse_horizontal),
             ("vertical", self.survey[1], self.rmse_vertical),
-        ):
-            if own > 0 and own * LEAST_SURVEY_RATIO > total:
-                out.append(
-                    f"the {what} survey error of the check points, {own:.4g} m, is more than half "
-                    f"of the {what} RMSE, {total:.4g} m"
-                )
+        )
+        return tuple(x for x in both if x[1] > 0 and x[1] * LEAST_SURVEY_RATIO > x[2])
+
+    def remarks(self, area_km2: float | None = None) -> tuple[str, ...]:
+        """Return what the standards ask for and these check points lack, as sentences.
+
+        Args:
+            area_km2: as for `shortfalls`.
+        """
+        out = [
+            f"{self.number} check points are fewer than the {least} of {name}"
+            for name, least in self.shortfalls(area_km2)
+        ]
+        if self.survey == (0.0, 0.0):
+            out.append("the survey error of the check points is not stated: it counts as 0")
+        out += [
+            f"the {what} survey error of the check points, {own:.4g} m, is more than half "
+            f"of the {what} RMSE, {total:.4g} m"
+            for what, own, total in self.coarse_surveys
+        ]
         return tuple(out)
 
     def statement(self) -> str:
         """Return the statements of accuracy of ASPRS edition 2 and NSSDA, lines of text."""
-        n = min((c for c in self.counts if c), default=0)
+        n = self.number
         r, z = self.nssda
         sentences = [
             f"Tested with {n} check points, survey errors {self.survey[0]:.3f} m horizontal and "
@@ -179,8 +200,9 @@ def positional_accuracy(
     """Return the accuracy at check points by ASPRS edition 2 and NSSDA, see the module.
 
     Args:
-        found: an adjustment whose points have ``check`` coordinates, its check points, or
-            differences product − check point, (n, 3) metres, NaN where one is not known.
+        found: an adjustment whose points have ``check`` coordinates, its check points, of which
+            both are compared along east, north and up at each point; or differences product −
+            check point, (n, 3) metres, NaN where one is not known.
         survey: σ of the survey of the check points, metres: horizontal RMSE_H2 and vertical
             RMSE_V2; one number counts for each of the three axes, RMSE_H2 is then √2 of it.
         names: names of the check points, where ``found`` has none.
@@ -194,7 +216,7 @@ def positional_accuracy(
     if isinstance(found, Solution):
         found = check_points(found)
     if isinstance(found, CheckPoints):
-        names, d = found.names, found.differences
+        names, d = found.names, found.east_north_up
     else:
         d = np.asarray(found, dtype=float)
     problems = []

@@ -54,6 +54,7 @@ from .options import (
     add_adjustment,
     add_exports,
     adjust_determined,
+    check_sigma,
     positive_count,
     probability,
     problems_of_report_options,
@@ -65,7 +66,7 @@ from .options import (
 
 OPTIONS_OF_WHOLE_NETWORK = (
     *("snoop", "robust", "variance_components", "ellipses", "relative", "between", "rows"),
-    *("test", "sidak", "report", "language", "export"),
+    *("test", "sidak", "report", "language", "export", "check_sigma"),
 )
 """Options of a network that is adjusted as a whole."""
 MAX_ITERATIONS_OF_PARTS = 100
@@ -204,6 +205,13 @@ def add_adjust(run: argparse.ArgumentParser) -> None:
         type=probability,
         metavar="CONF",
         help="error ellipses of points and ellipsoids of projection centres, such as 0.95",
+    )
+    run.add_argument(
+        "--check-sigma",
+        type=check_sigma,
+        metavar="S|H,V",
+        help="standard deviation of the survey of the check points, metres: of each axis, or "
+        "horizontal and vertical; it counts in RMSE_H and RMSE_V of ASPRS",
     )
     run.add_argument(
         "--relative",
@@ -357,6 +365,7 @@ def _adjust(options: argparse.Namespace) -> int:
             test=found.snooping.test if found.snooping is not None else options.test,
             confidence=options.ellipses,
             relative=requested_lines(options, found.project.network),
+            survey=options.check_sigma,
         ),
         Provenance(
             found.snooping,

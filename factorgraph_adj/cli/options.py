@@ -325,3 +325,16 @@ def probability(text: str) -> float:
             f"{text!r} is not a probability between 0 and 1, such as 0.95"
         )
     return value
+
+
+def check_sigma(text: str) -> float | tuple[float, float]:
+    """Read σ of the survey of check points: one of each axis, or horizontal and vertical."""
+    try:
+        values = [float(v) for v in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) not in (1, 2) or not all(0 <= v < float("inf") for v in values):
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not σ ≥ 0 in metres, or horizontal and vertical σ, such as 0.01,0.02"
+        )
+    return values[0] if len(values) == 1 else (values[0], values[1])

@@ -15,6 +15,7 @@ from ..errors import InputError, taking
 from ..io.file_transaction import write_files
 from ..network.network import Network
 from ..report.adjustment_report import Report
+from ..report.geodetic_coordinates import frame_in_words
 from ..report.html.estimates import point_states
 from ..statistical_tests import CONFIDENCE_OF_REGION
 from ..types import Array
@@ -344,6 +345,7 @@ def ply_content(report: Report, *, binary: bool = True) -> bytes:
         f"format {'binary_little_endian' if binary else 'ascii'} 1.0",
         f"comment factorgraph_adj {__version__}: {' '.join(network.name.split())}",
         "comment metres in the frame of the network; kind 0 point, 1 projection centre",
+        f"comment frame: {frame_in_words(network.frame)}",
         f"element vertex {len(out)}",
         *(f"property {PLY_TYPES[PLY_VERTEX[c].str]} {c}" for c in PLY_VERTEX.names or ()),
         "end_header",

@@ -21,6 +21,11 @@ Place: TypeAlias = str | tuple[Literal["point", "pose"], str]
 """Name of a point; or ``("pose", name)`` for the projection centre of a photo."""
 
 
+MAX_SHARE_OF_UNKNOWN = 0.02
+"""Largest share of a difference without value in another direction that is left out: verticals at
+two ends of 100 km."""
+
+
 @dataclass(frozen=True, repr=False)
 class CheckPoints(Shown):
     """Differences at the check points; NaN where a coordinate is not known."""
@@ -31,6 +36,8 @@ class CheckPoints(Shown):
     """Adjusted − known coordinates, (n, 3) metres."""
     sigmas: Array
     """Standard deviations of the adjusted coordinates, (n, 3) metres; zero where held."""
+    east_north_up: Array
+    """The differences along east, north and up at each point, (n, 3) metres."""
 
     def headline(self) -> str:
         """Return how many points were compared, and their RMS differences."""
@@ -92,7 +99,13 @@ def check_points(solution: Solution) -> CheckPoints:
     known = np.array([p.check for p in points], dtype=float).reshape(-1, 3)
     sigmas = np.array([solution.standard_deviations(p.name) for p in points]).reshape(-1, 3)
     found = solution.state["point"][np.array(numbers, dtype=np.intp)]
-    return CheckPoints(tuple(p.name for p in points), found - known, sigmas)
+    differences = found - known
+    enu = solution.network.frame.basis(found, np.zeros((len(found), 2))).enu
+    turned = np.einsum("nij,nj->ni", enu, np.where(np.isnan(differences), 0.0, differences))
+    # Up at a point of a topocentric frame leans from that of its origin by its distance / R.
+    unknown = np.isnan(differences)[:, None, :] & (np.abs(enu) > MAX_SHARE_OF_UNKNOWN)
+    turned[unknown.any(axis=2)] = np.nan
+    return CheckPoints(tuple(p.name for p in points), differences, sigmas, turned)
 
 
 def _by_axis(values: Array) -> Array:

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..accuracy.positional_accuracy import positional_accuracy
 from ..columns import Columns
+from ..frames import GeocentricFrame, LocalFrame
 from ..quality.point_precision import CheckPoints
 from ..quality.point_precision import check_points as compare
 from ..solve.solution import Solution
@@ -24,6 +25,7 @@ from .adjusted_coordinates import (
     region_factor,
 )
 from .adjustment_report import Report
+from .catalogue import Texts
 from .geodetic_coordinates import geographic_columns, grid_columns
 from .layout import decimals, paragraph, percent, rms, short, title
 from .tables import (
@@ -355,21 +357,38 @@ def check_points_section(report: Report) -> list[str]:
         CheckedPoint(n, v.tolist()) for n, v in (("RMS", found.rms), ("RMS σ", found.rms_sigma))
     ]
     heading = title("Check points: adjusted − known coordinates, which took no part")
-    accuracy = paragraph(ENGLISH("check_accuracy", **accuracy_figures(report, found)))
-    return [*heading, *as_text(replace(made, rows=rows)), *note, *accuracy]
+    words = paragraph(" ".join(accuracy_sentences(report, found, ENGLISH)))
+    return [*heading, *as_text(replace(made, rows=rows)), *note, *words]
 
 
-def accuracy_figures(report: Report, found: CheckPoints) -> dict[str, str]:
-    """Return the figures of ASPRS edition 2 and NSSDA at check points as texts, with their unit.
+def accuracy_sentences(report: Report, found: CheckPoints, t: Texts) -> list[str]:
+    """Return the axes of the differences, and what ASPRS edition 2 and NSSDA say of them."""
+    survey = report.options.survey
+    accuracy = positional_accuracy(found, survey=0.0 if survey is None else survey)
 
-    The survey error of the check points is not part of a network, and counts as 0.
-    """
-    accuracy = positional_accuracy(found)
-    figures = {
-        "rmse_h": accuracy.rmse_horizontal,
-        "rmse_v": accuracy.rmse_vertical,
-        "horizontal": accuracy.nssda[0],
-        "vertical": accuracy.nssda[1],
-    }
-    texts = {k: short(v / report.small) if isfinite(v) else NO_FIGURE for k, v in figures.items()}
-    return {"unit": report.units.sigma_length, **texts}
+    def text(metres: float) -> str:
+        return short(metres / report.small) if isfinite(metres) else NO_FIGURE
+
+    unit = report.units.sigma_length
+    h, v = (text(x) for x in accuracy.survey)
+    stated = t("check_survey_none") if survey is None else t("check_survey", h=h, v=v, unit=unit)
+    frame = report.network.frame
+    kind = "local" if isinstance(frame, LocalFrame) else "topocentric"
+    kind = "geocentric" if isinstance(frame, GeocentricFrame) else kind
+    out = [
+        t(f"check_axes_{kind}"),
+        t(
+            "check_accuracy",
+            rmse_h=text(accuracy.rmse_horizontal),
+            rmse_v=text(accuracy.rmse_vertical),
+            horizontal=text(accuracy.nssda[0]),
+            vertical=text(accuracy.nssda[1]),
+            survey=stated,
+            unit=unit,
+        ),
+    ]
+    for standard, least in accuracy.shortfalls():
+        out.append(t.number("check_few", accuracy.number, least=least, standard=standard))
+    for direction, own, total in accuracy.coarse_surveys:
+        out.append(t(f"check_coarse_{direction}", own=text(own), total=text(total), unit=unit))
+    return out

@@ -12,13 +12,15 @@ from typing import Any
 import numpy as np
 
 from ..crs.grid_places import GridPlaces
-from ..frames import MEAN_EARTH_RADIUS, LocalFrame
+from ..frames import MEAN_EARTH_RADIUS, Frame, GeocentricFrame, LocalFrame
 from ..units import ANGLE, decimal, decimal_angle, format_angle
 from .adjusted_coordinates import decimals_of_points
 from .adjustment_report import Report
 from .layout import exponent, paragraph, table, title
 from .tables import DATA, Column, FiguresByNumber, Unit, unit_of
 
+COMPASS_WORDS = {"e": "east", "w": "west", "n": "north", "s": "south"}
+"""Names of the axes of local frames."""
 EAST_NORTH_UP = ("east", "north", "up")
 ANGLE_DIGIT_TOLERANCE = 0.1
 """Part of a decimal by which the last digit of an angle may be coarser than that of a length."""
@@ -126,6 +128,18 @@ def geographic_columns(report: Report, digits: int) -> list[Column[Any]]:
 def _resolved(report: Report) -> int:
     """Return the decimals that computed lengths have in tables, see `RESOLVED_DECIMALS`."""
     return max(RESOLVED_DECIMALS + exponent(report.metre), 0)
+
+
+def frame_in_words(frame: Frame) -> str:
+    """Return what the axes of a frame are, and where it is."""
+    if isinstance(frame, LocalFrame):
+        x, y = (COMPASS_WORDS[a] for a in frame.axes)
+        shape = f"curved, R = {frame.radius:.0f} m" if frame.curvature else "flat"
+        return f"local, x {x}, y {y}, z up, {shape}"
+    if isinstance(frame, GeocentricFrame):
+        return f"geocentric, ellipsoid {frame.ellipsoid_name}"
+    place = ", ".join(format_angle(a, "dms", 4) for a in (frame.latitude, frame.longitude))
+    return f"topocentric (east, north, up) at {place}, ellipsoid {frame.ellipsoid_name}"
 
 
 def reference_system_line(report: Report) -> list[str]:

@@ -49,6 +49,9 @@ class ReportOptions:
     """Pairs of places whose adjusted distance, azimuth, rise and relative error ellipse are listed;
     ``observed``: all pairs that observations join; None omits the list."""
 
+    survey: float | tuple[float, float] | None = None
+    """σ of the survey of the check points, metres, as for `positional_accuracy`; None: unknown."""
+
     def __post_init__(self) -> None:
         """Check probabilities and test."""
         check_probabilities(self.alpha, self.power)

@@ -8,11 +8,9 @@ from math import isfinite
 from ..control_characters import escaped
 from ..epochs.comparison_result import Congruence
 from ..errors import taking
-from ..frames import Frame, GeocentricFrame, LocalFrame
 from ..quality.rejections import Snooping
 from ..solve.solution import Solution
 from ..statistical_tests import GlobalOutcome, GlobalTest, global_test
-from ..units import format_angle
 from ..version import __version__
 from .adjusted_coordinates import lines_section
 from .adjusted_observations import adjusted_observations_section, weighted_coordinates_section
@@ -24,6 +22,7 @@ from .doubtful_results import notes_of_network, notes_of_solution, unknowns_left
 from .epochs_report import render_congruence
 from .frames_and_shapes import frames_section, shapes_section
 from .geodetic_coordinates import (
+    frame_in_words,
     geographic_section,
     grid_photos_section,
     grid_section,
@@ -61,7 +60,6 @@ GLOBAL_HINTS: dict[GlobalOutcome, str] = {
     "too_large": "blunders, systematic errors, or standard deviations stated too small",
 }
 """What an outcome of the global test may come from."""
-COMPASS_WORDS = {"e": "east", "w": "west", "n": "north", "s": "south"}
 
 
 @taking(Solution | Snooping | Congruence)
@@ -156,7 +154,7 @@ def _overview(report: Report) -> list[str]:
         *doubt_lines(report),
         *note_lines(report),
         *run_lines(report.provenance.run),
-        f"  frame          {_frame(network.frame)}",
+        f"  frame          {frame_in_words(network.frame)}",
         *reference_system_line(report),
         f"  points         {len(network.points)}" + (f" ({parts})" if parts else ""),
     ]
@@ -199,17 +197,6 @@ def note_lines(report: Report) -> list[str]:
         *notes_of_network(report.network),
     ]
     return [line for each in said for line in (*paragraph(each), "")]
-
-
-def _frame(frame: Frame) -> str:
-    if isinstance(frame, LocalFrame):
-        x, y = (COMPASS_WORDS[a] for a in frame.axes)
-        shape = f"curved, R = {frame.radius:.0f} m" if frame.curvature else "flat"
-        return f"local, x {x}, y {y}, z up, {shape}"
-    if isinstance(frame, GeocentricFrame):
-        return f"geocentric, ellipsoid {frame.ellipsoid_name}"
-    place = ", ".join(format_angle(a, "dms", 4) for a in (frame.latitude, frame.longitude))
-    return f"topocentric (east, north, up) at {place}, ellipsoid {frame.ellipsoid_name}"
 
 
 def _observations(report: Report) -> list[str]:

@@ -108,6 +108,52 @@ def test_check_points_of_an_adjustment():
     assert "RMSE_H 0.0224 m, RMSE_V 0.0100 m" in said
 
 
+def one_point(frame: fga.GeocentricFrame, at, known) -> fga.Solution:
+    """Return a network of one observed point with known coordinates."""
+    network = fga.Network("one point", frame=frame)
+    network.add_point("P", tuple(at), check=tuple(known))
+    network.add(fga.ControlPoint("P", tuple(at), sigma=(0.01, 0.01, 0.01)))
+    return fga.adjust(network)
+
+
+@pytest.mark.parametrize("kind", ["geocentric", "topocentric", "local ne"])
+def test_horizontal_and_vertical_are_those_at_the_point(kind):
+    """A product 3 cm east, 4 cm north, 12 cm above the truth, in frames with other axes."""
+    enu = np.array([0.03, 0.04, 0.12])
+    phi, lam = math.radians(-33.0), math.radians(151.0)
+    sp, cp, sl, cl = math.sin(phi), math.cos(phi), math.sin(lam), math.cos(lam)
+    rows = np.array([[-sl, cl, 0], [-sp * cl, -sp * sl, cp], [cp * cl, cp * sl, sp]])
+    globe = fga.GeocentricFrame("GRS80")
+    at = globe.ellipsoid.to_cartesian(np.array([phi]), np.array([lam]), np.array([90.0]))[0]
+    if kind == "geocentric":
+        frame, there, difference = globe, at, rows.T @ enu
+    elif kind == "topocentric":  # 1.5° away: a vertical leans, and the height has a share in y
+        frame = fga.TopocentricFrame(phi - math.radians(1.5), lam, 0.0, "GRS80")
+        there = frame.from_geocentric(at[None])[0]
+        difference = frame.from_geocentric((at + rows.T @ enu)[None])[0] - there
+        assert abs(difference[1] - 0.04) > 0.003
+    else:
+        frame, there = fga.LocalFrame(axes="ne"), np.array([5.0, 6.0, 7.0])
+        difference = enu[[1, 0, 2]]
+    solution = one_point(frame, there, there - difference)
+    found = fga.positional_accuracy(solution)
+    assert found.differences[0] == pytest.approx(enu, abs=1e-8)
+    assert found.rmse_horizontal == pytest.approx(0.05, abs=1e-8)
+    assert found.rmse_vertical == pytest.approx(0.12, abs=1e-8)
+    assert fga.check_points(solution).differences[0] == pytest.approx(difference, abs=1e-8)
+
+
+def test_a_known_place_in_plan_has_no_vertical_accuracy():
+    """Its unknown height has a share of 1e-4 in north at 600 m, which is left out."""
+    frame = fga.TopocentricFrame(0.8, 0.2, 400.0, "WGS84")
+    solution = one_point(frame, (100.0, 600.0, 5.0), (100.02, 600.0, math.nan))
+    found = fga.positional_accuracy(solution)
+    assert found.counts == (1, 1, 0)
+    assert found.rmse_horizontal == pytest.approx(0.02, rel=1e-6)
+    geocentric = one_point(fga.GeocentricFrame("WGS84"), (4e6, 1e6, 4.8e6), (4e6, 1e6, math.nan))
+    assert fga.positional_accuracy(geocentric).counts == (1, 0, 0)  # east is across Z
+
+
 @pytest.mark.parametrize(
     ("given", "options", "match"),
     [

@@ -16,7 +16,7 @@ from ..adjusted_photos import photos_table
 from ..adjusted_points import (
     AdjustedPoint,
     CheckedPoint,
-    accuracy_figures,
+    accuracy_sentences,
     check_points_table,
     points_table,
 )
@@ -112,8 +112,7 @@ def check_points_sheet(report: Report, t: Texts) -> Sheet | None:
     )
     if not found.names:
         return as_html(made, t, notes=[note])
-    accuracy = t("check_accuracy", **accuracy_figures(report, found))
-    return as_html(made, t, notes=[note, accuracy])
+    return as_html(made, t, notes=[note, " ".join(accuracy_sentences(report, found, t))])
 
 
 def photos_sheet(report: Report, t: Texts) -> Sheet | None:

@@ -205,7 +205,7 @@ def test_control_in_name_only_is_no_praise(sigma_mm: float, colour: str) -> None
     assert ("0.0385" if colour == "green" else "redundancy number of 0.00111") in light.text
     said = " ".join(render_text(report).split())
     hardly = "hardly controlled, r < 0.01 (1 scalar observation): smallest detectable errors above"
-    assert (f"{hardly} 41 σ; smallest r: height difference A → B 0.00111" in said) == (
+    assert (f"{hardly} 41 σ; smallest r: height difference A B 0.00111" in said) == (
         colour == "amber"
     )
 
