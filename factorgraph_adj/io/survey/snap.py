@@ -93,20 +93,26 @@ def read_snap(path: str | Path, *, deformation: Literal["refuse", "none"] = "ref
     observations may be delimited text (``csv``) with a format definition (``.dtf``) beside them or
     beside the job: columns, options of the command, tables, defaults, errors of instruments.
 
-    Not read, and refused by name: deformation models, geoid grids, offsets of stations in time,
-    systematic errors, reference frames with unknown single components or rates, errors of offsets
-    and centroids.
+    Readings of stations that move, by offsets in time or a grid of velocities (``deformation
+    type=velocity``), are reduced to the coordinates at their dates, which they need.
+
+    Not read, and refused by name: deformation models of LINZ, geoid grids, systematic errors,
+    reference frames with unknown single components or rates, errors of offsets and centroids.
 
     Args:
         path: the command file.
         deformation: what to do where a deformation model applies, by default that of NZGD2000:
-            "refuse"; or "none": take observations as of the epoch of the coordinates.
+            "refuse"; or "none": take observations as of the epoch of the coordinates, but for
+            offsets of stations.
 
     Raises:
         InputError: every problem of the files, each with its line.
     """
     problems = Problems()
     job = read_job(Path(path), problems, deformed=deformation == "refuse")
+    if deformation == "none":
+        job.displacements.velocities = None
+    _refuse_recoded_offsets(job)
     problems.raise_all()
     assert job.stations is not None  # its absence is a problem
     chosen = list(_chosen_sets(job))
@@ -129,6 +135,7 @@ def read_snap(path: str | Path, *, deformation: Literal["refuse", "none"] = "ref
     _add_stations(job, states, observed, network)
     maker = SnapObservations(network, job.stations, job.parameters, job.ratios)
     maker.use_datum = job.use_datum
+    maker.displacements = job.displacements
     maker.take_frames(readings)
     for found, kept in taking:
         remaining = []
@@ -143,6 +150,13 @@ def read_snap(path: str | Path, *, deformation: Literal["refuse", "none"] = "ref
     _add_colocations(job, together, states, network)
     problems.finish(network)
     return network
+
+
+def _refuse_recoded_offsets(job: SnapJob) -> None:
+    """Refuse that a station with offsets is recoded: which of both codes has them is unknown."""
+    for code in job.displacements.offsets:
+        if code in job.recodings.by_code:
+            job.source.wrong(0, f"station {code!r} has offsets and is recoded: give one of both")
 
 
 def _add_colocations(

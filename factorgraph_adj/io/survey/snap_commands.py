@@ -50,7 +50,6 @@ OF_COMPUTATION = LeftOutReason(
 REFUSED = {
     "geoid": "the geoid {0} is a grid of SNAP that is not read: write geoid heights and "
     "deflections into the coordinate file, as snapgeoid does",
-    "station_offset_file": "offsets of stations in time ({0}) have no counterpart",
     "systematic_error": "parameters of systematic errors ({0}) have no counterpart",
     "gps_vertical": "one vertical for the errors of all vectors ({0}) is not read: leave it out, "
     "and each has its own",

@@ -32,7 +32,13 @@ from .snap_coordinates import SnapStations, read_coordinate_file
 from .snap_csv_formats import CsvOptions, read_definition
 from .snap_csv_observations import read_csv_observations
 from .snap_csv_stations import read_csv_stations
-from .snap_lines import found_file, records, words_of
+from .snap_displacements import (
+    Displacements,
+    read_offsets,
+    read_velocities,
+    refuse_other_datum,
+)
+from .snap_lines import found_file, read_epoch, records, words_of
 from .snap_parameters import DEFAULT_REFRACTION, JobParameters
 from .snap_readings import SnapSet, read_data_file
 from .snap_recoding import Recodings
@@ -97,6 +103,8 @@ class SnapJob:
     """Whether distance ratios have an unknown scale."""
     deformation: str = "datum"
     """Which deformation model applies: of the datum, none, or one that the job describes."""
+    displacements: Displacements = field(default_factory=Displacements)
+    """Where stations were at the dates of readings."""
     use_datum: bool = True
     """Whether projections of bearings must have the datum of the stations."""
 
@@ -113,6 +121,7 @@ class _JobReader:
         self.waiting: list[tuple[str, JobLine, Callable[[SnapStations], None]]] = []
         self.by_name: dict[str, Callable[[JobLine], None]] = {
             "deformation": self._deformation,
+            "station_offset_file": self._offsets,
             "coordinate_file": self._coordinates,
             "add_coordinate_file": self._more_coordinates,
             "data_file": self._data,
@@ -174,7 +183,7 @@ class _JobReader:
     def refuse_deformation(self) -> None:
         """Refuse the deformation model that applies, if there is any."""
         stations, stated = self.job.stations, self.job.deformation
-        if stations is None or stated.lower() == "none":
+        if stations is None or stated.lower() == "none" or self.job.displacements.velocities:
             return
         model = DEFORMING_DATUMS.get(stations.system.datum, "")
         if stated.lower() != "datum":
@@ -198,8 +207,37 @@ class _JobReader:
             at.wrong(f"the {what} {at.words[0]!r} is not there; names count from {at.folder.name}/")
         return found
 
+    def _only_file(self, at: JobLine, suffix: str, what: str) -> Path | None:
+        """Return the file of the only word."""
+        if len(at.words) > 1:
+            at.wrong(f"the {what} is the only word, not {' '.join(at.words[1:])[:40]!r} behind it")
+        return self._file(at, suffix, what)
+
     def _deformation(self, at: JobLine) -> None:
+        """Take ``none``, ``datum``, or ``type=velocity model=FILE epoch=YEAR``."""
         self.job.deformation = " ".join(at.words)
+        stated = {n.lower(): v for n, _, v in (word.partition("=") for word in at.words)}
+        if stated.get("type", "").lower() != "velocity":
+            return
+        path = found_file(at.folder, stated.pop("model", ""), ".grd")
+        epoch = read_epoch(at.source.field(at.line, stated.pop("epoch", None), "epoch"))
+        if set(stated) != {"type"}:
+            at.wrong("deformation must be none, datum, or type=velocity model=FILE epoch=YEAR")
+        grid = read_velocities(at, path)
+        if grid is not None and not is_unread(epoch):
+            found = self.job.displacements
+            found.velocities, found.epoch = grid, epoch
+            self.waiting.append(
+                ("deformation", at, lambda stations: refuse_other_datum(at, grid, stations))
+            )
+
+    def _offsets(self, at: JobLine) -> None:
+        path = self._only_file(at, ".sto", "station offset file")
+        if path is not None:
+            found = self.job.displacements
+            self.waiting.append(
+                ("offsets", at, lambda stations: read_offsets(path, at, stations, found))
+            )
 
     def _station_file(self, at: JobLine) -> SnapStations | None:
         """Return the stations of the file of the words ``FILE [csv [NAME=VALUE …]]``."""
@@ -305,7 +343,7 @@ class _JobReader:
         self.job.files.append(DataFile(at.words[0], tuple(sets), factor, own))
 
     def _include(self, at: JobLine) -> None:
-        path = self._file(at, ".inc", "included file")
+        path = self._only_file(at, ".inc", "included file")
         if path is None:
             return
         if len(self.folders) > INCLUDED_DEPTH:

@@ -42,6 +42,7 @@ from ..source import is_unread
 from .snap_coordinates import SnapStation, SnapStations
 from .snap_coordinates import horizon as horizon_of
 from .snap_data_commands import POINT_KINDS, VECTOR_KINDS
+from .snap_displacements import Displacements, at_epoch
 from .snap_errors import scalar_sigma, vector_covariance
 from .snap_frames import GnssFrame, add_reference_frame, add_translation, why_not
 from .snap_lines import decimal_year
@@ -115,6 +116,7 @@ class SnapObservations:
         self.ratio_sets = 0
         self.projections: dict[str, SystemCode | None] = {}
         self.use_datum = True
+        self.displacements = Displacements()
         self.middle: tuple[Array, Array] | None = None
         self.frames: dict[str, GnssFrame] = {}
         self.positioned: set[str] = set()
@@ -164,9 +166,34 @@ class SnapObservations:
             make = self._direction if found.kind == "HA" else self.made[found.kind]
             made = found.source.attempt(reading.line, make, reading, found, **options)
             if made is not None:
+                made = found.source.attempt(reading.line, self._at_epoch, reading, found, made)
+            if made is not None:
                 found.source.attempt(reading.line, self.network.add, made)
 
     # -- parts ------------------------------------------------------------------------------------
+
+    def _displaced(self, r: SnapReading, found: SnapSet, code: str) -> Array:
+        """Return the displacement of a station at the date of a reading, (3,) metres."""
+        if not self.displacements.concerns(code):
+            return np.zeros(3)
+        if r.date is None:
+            found.source.wrong(
+                r.line, f"station {code!r} moves, and the reading has no date; valid: #date before"
+            )
+            return np.zeros(3)
+        return self.displacements.of(code, r.date, self.stations)
+
+    def _at_epoch(self, r: SnapReading, found: SnapSet, made: Observation) -> Observation:
+        """Return an observation as if its stations had their coordinates at its date."""
+        moved = {code.upper(): self._displaced(r, found, code) for code in made.points()}
+        if not any(d.any() for d in moved.values()):
+            return made
+
+        def place(name: str) -> Array:
+            station = self._station(name)
+            return np.array([*station.xyz, *moved[name.upper()], station.xi, station.eta])
+
+        return at_epoch(made, self.network.frame, place)
 
     def _station(self, code: str) -> SnapStation:
         station = self.stations.find(code)
@@ -333,7 +360,7 @@ class SnapObservations:
         for i, (r, value, frame) in enumerate(made):
             error = covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3]
             more = {"covariance": error, "source": found.source.place(r.line)}
-            one = found.source.attempt(r.line, self._vector, r, value, frame, **more)
+            one = found.source.attempt(r.line, self._vector, r, found, value, frame, **more)
             if one is None:
                 return
             members.append(one)
@@ -344,10 +371,12 @@ class SnapObservations:
             found.source.attempt(line, self.network.add, joint)
 
     def _vector(
-        self, r: SnapReading, value: Array, frame: GnssFrame | None, **more: Any
+        self, r: SnapReading, found: SnapSet, value: Array, frame: GnssFrame | None, **more: Any
     ) -> Observation:
         if r.kind == "GB":
             a, b = self._ends(r)
+            moved = self._displaced(r, found, b.code) - self._displaced(r, found, a.code)
+            value = value - (moved if frame is None else frame.matrix @ moved)
             if frame is None:
                 return GnssVector(a.code, b.code, tuple(value.tolist()), **self._heights(r), **more)
             raised = r.target_height * self.stations.up(b.code)
@@ -355,7 +384,7 @@ class SnapObservations:
             at = value - frame.matrix @ raised
             return FrameVector(frame.name, a.code, b.code, tuple(at.tolist()), **more)
         a = self._station(r.station)
-        raised = r.instrument_height * self.stations.up(a.code)
+        raised = r.instrument_height * self.stations.up(a.code) + self._displaced(r, found, a.code)
         if frame is None:
             return GnssPosition(a.code, tuple((value - raised).tolist()), **more)
         at = value - frame.matrix @ raised - frame.subtracted
