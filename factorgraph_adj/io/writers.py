@@ -22,6 +22,8 @@ from .photogrammetry.metashape_writer import write_metashape
 from .photogrammetry.opencv import write_opencv
 from .photogrammetry.opf_writer import write_opf
 from .project_writer import write_project
+from .robotics.g2o_writer import write_g2o
+from .robotics.trajectory_writer import write_trajectory
 from .survey.jag3d import write_jag3d
 from .survey.star_net_writer import write_star_net
 
@@ -126,6 +128,14 @@ WRITERS = Writers(
         Writer("metashape", (), "cameras and markers of Metashape (.xml)", write_metashape),
         Writer("star-net", (".dat",), "STAR*NET", write_star_net),
         Writer("jag3d", (), "flat files of JAG3D", write_jag3d),
+        Writer("g2o", (".g2o",), "pose graph of g2o", write_g2o),
+        Writer(
+            "trajectory",
+            (".tum",),
+            "trajectory of TUM or KITTI",
+            write_trajectory,
+            "poses of photos or vehicles",
+        ),
         Writer("landxml", (".xml",), "points in LandXML", write_landxml),
     )
 )

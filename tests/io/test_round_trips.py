@@ -16,7 +16,16 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.io.gnss import gvx, sinex
 from factorgraph_adj.io.writers import WRITERS
-from factorgraph_adj.observations import Correlated, GnssPosition, GnssVector
+from factorgraph_adj.models.lens import NoDistortion
+from factorgraph_adj.observations import (
+    BodyVector,
+    Correlated,
+    GnssPosition,
+    GnssVector,
+    RelativePosition,
+    RelativeRotation,
+)
+from factorgraph_adj.rotation import TURN_ABOUT_X, exp_rotation, log_rotation
 from tests.networks.pixel_block import pixel_block
 from tests.networks.small_block import small_block
 from tests.networks.surveyed import surveyed
@@ -64,6 +73,42 @@ def positions() -> fga.Network:
     return network
 
 
+def pose_graph() -> fga.Network:
+    """A body that goes around a mast, with edges of full covariances, seed 8."""
+    rng = np.random.default_rng(8)
+    network = fga.Network("around")
+    network.add_camera("body", NoDistortion(), {"c": 1.0})
+    turns = [exp_rotation(np.array([0.1 * k, -0.05 * k, 1.2 * k])) for k in range(4)]
+    places = [np.array([3.0 * np.cos(k), 3.0 * np.sin(k), 0.1 * k]) for k in range(4)]
+    for k, (turn, place) in enumerate(zip(turns, places, strict=True)):
+        network.add_photo(
+            str(k), "body", position=place, rotation=turn @ TURN_ABOUT_X, fixed=k == 0
+        )
+    mast = np.array([0.2, 0.1, 1.5])
+    network.add_point("L7", tuple(mast))
+    for i, j in ((0, 1), (1, 2), (2, 3), (3, 0)):
+        root = 0.02 * np.eye(6) + np.tril(rng.normal(0.0, 0.005, (6, 6)))
+        value = turns[i].T @ (places[j] - places[i]) + rng.normal(0.0, 0.02, 3)
+        turn = log_rotation((turns[i].T @ turns[j])[None])[0] + rng.normal(0.0, 0.01, 3)
+        step = RelativePosition(str(i), str(j), tuple(value), sigma=(0.02,) * 3)
+        rotation = RelativeRotation(str(i), str(j), tuple(turn), sigma=(0.02,) * 3)
+        network.add(Correlated((step, rotation), root @ root.T))
+        seen = turns[i].T @ (mast - places[i]) + rng.normal(0.0, 0.02, 3)
+        network.add(BodyVector(str(i), "L7", tuple(seen), covariance=root[:3, :3] @ root[:3, :3].T))
+    return network
+
+
+def trajectory() -> fga.Network:
+    """Poses of a pose graph, named by their times."""
+    network = fga.Network("path")
+    network.add_camera("body", NoDistortion(), {"c": 1.0})
+    for name, photo in pose_graph().photos.items():
+        at = photo.position
+        assert at is not None
+        network.add_photo(f"1403636579.{name}5", "body", position=at, rotation=photo.rotation)
+    return network
+
+
 def scaled(affine: bool = False) -> fga.Network:
     """Photos with control, a scale bar, projection centres, and all of the camera unknown."""
     return pixel_block(affine=affine, free=("c", "x0", "y0", "k1", "k2", "k3", "p1", "p2"))
@@ -101,6 +146,8 @@ TRIPS = {
     "landxml": Trip(surveyed, "points.xml", write={"points_only": True}, keeps="points"),
     "sinex": Trip(positions, "two.snx"),
     "dynaml": Trip(held_vectors, "network.xml"),
+    "g2o": Trip(pose_graph, "around.g2o"),
+    "trajectory": Trip(trajectory, "path.tum", keeps="photos"),
     "gvx": Trip(
         vectors,
         "vectors.gvx",

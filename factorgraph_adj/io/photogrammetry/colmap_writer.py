@@ -185,6 +185,9 @@ def write_colmap(
     smallest one that has all parameters that are not zero or not held. Rigs with one mount for
     each camera are written as rigs; photos of other rigs are alone.
 
+    Photos without image points, as a transforms.json has them, are a model of known poses, which
+    COLMAP takes for triangulation (``point_triangulator``).
+
     Standard deviations, observations of other kinds, and points without image points have no place
     in the format: they are left out, as is all that a network knows of held and weighted unknowns,
     and the readout times of its cameras.
@@ -197,7 +200,7 @@ def write_colmap(
             compute with single precision, which a grid coordinate of 5 000 km overtaxes.
 
     Raises:
-        InputError: no image points; cameras whose image unit is not the pixel, without a stated
+        InputError: no photos; cameras whose image unit is not the pixel, without a stated
             format, or with a lens that COLMAP does not have; photos without a pose, or with a
             motion during the readout; points without coordinates; a folder with files of the other
             kind, which COLMAP would read instead. The message lists everything, and nothing is
@@ -228,8 +231,8 @@ def _inexpressible(network: Network, folder: Path, other: str) -> list[Problem]:
     """Return what the format cannot express, except of lenses."""
     problems = motions_of_photos(network, "COLMAP")
     photo, point, _, _ = network.images.columns()
-    if not len(photo):
-        problems.append(Problem("the network has no image points", "colmap"))
+    if not network.photos:
+        problems.append(Problem("the network has no photos", "colmap"))
     others = [f"{n}{other}" for n in WRITTEN_TABLES]
     there = [n for n in others if (folder / n).exists()]
     if there:
@@ -346,7 +349,7 @@ def _model(network: Network, calibrations: Mapping[str, Array], shift: Array) ->
     off = np.full(len(photo), np.nan)
     order = np.argsort(photo, kind="stable")
     first = np.searchsorted(photo[order], np.arange(len(network.photos) + 1))
-    places = np.array([p.coordinates for p in network.points.values()])
+    places = np.array([p.coordinates for p in network.points.values()]).reshape(-1, 3)
     id_of = np.zeros(len(names), dtype=np.int64)
     id_of[used] = [point_number[names[i]] for i in used.tolist()]
     for i, (name, f) in enumerate(network.photos.items()):

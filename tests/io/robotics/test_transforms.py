@@ -229,3 +229,19 @@ def test_velocities_without_a_readout_time_are_left_out(tmp_path: Path) -> None:
     network = fga.read(write(tmp_path, content))
     assert [(e.what, e.count) for e in network.left_out] == [("velocities of photos", 1)]
     assert not network.of_kind("photo_motion")
+
+
+def test_known_poses_become_a_model_of_colmap(tmp_path: Path) -> None:
+    """Without points and image points; COLMAP's own reader has the same cameras and poses."""
+    network = fga.read(write(tmp_path, document()))
+    fga.write(network, tmp_path / "sparse", format="colmap")
+    pycolmap = pytest.importorskip("pycolmap")
+    model = pycolmap.Reconstruction(str(tmp_path / "sparse"))
+    images = {image.name: image for image in model.images.values()}
+    assert set(images) == set(network.photos) and model.num_points3D() == 0
+    for name, photo in network.photos.items():
+        assert images[name].projection_center() == pytest.approx(photo.position, abs=1e-12)
+    (camera,) = model.cameras.values()
+    assert camera.model.name == "OPENCV"
+    order = ("fl_x", "fl_y", "cx", "cy", "k1", "k2", "p1", "p2")
+    assert camera.params == pytest.approx([CAMERA[k] for k in order], rel=1e-12)
