@@ -230,7 +230,7 @@ def write_colmap(
 def _inexpressible(network: Network, folder: Path, other: str) -> list[Problem]:
     """Return what the format cannot express, except of lenses."""
     problems = motions_of_photos(network, "COLMAP")
-    photo, point, _, _ = network.images.columns()
+    _, point, _, _ = network.images.columns()
     if not network.photos:
         problems.append(Problem("the network has no photos", "colmap"))
     others = [f"{n}{other}" for n in WRITTEN_TABLES]

@@ -20,6 +20,7 @@ from ...errors import InputError
 from ...network.network import Network
 from ...rotation import exp_rotation, rotation_of_quaternion
 from ...types import Array
+from ..format_options import option_text
 from ..format_reader import NetworkReader, Reader
 from ..numbers import MAX_NUMBER, parse_quantity
 from ..source import LeftOutReason, TextSource, is_unread
@@ -44,6 +45,12 @@ TORO_ORDER = (0, 1, 3, 5, 2, 4)
 """Place in the upper triangle of each number of the matrix of TORO's EDGE2."""
 MAX_QUATERNION_ERROR = 0.01
 """Largest difference of the length of a quaternion from one; files have four digits or more."""
+ROTATION_REMARKS: dict[RotationChoice, str] = {
+    "quaternion": "rotations of the matrices are half angles, as g2o writes them; "
+    f"{option_text('rotations', 'vector')} takes them for rotation vectors, as GTSAM does",
+    "vector": "rotations of the matrices are rotation vectors, as rotations=vector states",
+}
+"""What a report says of the choice, where a file has matrices that depend on it."""
 DEFAULT_SIGMAS = (1.0, 1.0)
 """Standard deviations of edges without a matrix, metres and radians: g2o and TORO take the unit."""
 
@@ -164,12 +171,10 @@ def read_pose_graph(
     fixed: tuple[str, ...] = (),
 ) -> tuple[PoseGraph, Network]:
     """Return a pose graph and its network, see `read_g2o`."""
-    if rotations not in get_args(RotationChoice):
-        valid = ", ".join(get_args(RotationChoice))
-        raise InputError(f"rotations must be one of {valid}, not {rotations!r}")
-    if matrices is not None and matrices not in get_args(MatrixChoice):
-        valid = ", ".join(get_args(MatrixChoice))
-        raise InputError(f"matrices must be one of {valid}, not {matrices!r}")
+    stated = ("rotations", rotations, RotationChoice), ("matrices", matrices, MatrixChoice)
+    for what, value, valid in stated:
+        if value is not None and value not in get_args(valid):
+            raise InputError(f"{what} must be one of {', '.join(get_args(valid))}, not {value!r}")
     if len(sigmas) != 2 or not all(s > 0 for s in sigmas):
         raise InputError(f"sigmas must be two numbers > 0, metres and radians, not {sigmas}")
     reading = _Reading(TextSource(path), rotations, matrices, sigmas)
@@ -177,6 +182,8 @@ def read_pose_graph(
     reading.hold(fixed)
     graph, problems = reading.graph, reading.source.problems
     problems.raise_all()
+    if reading.of_quaternions:
+        problems.remarks.append(ROTATION_REMARKS[rotations])
     placed = graph.place_missing()
     if placed:
         shown = f"{len(placed)} of them, first {placed[0]!r}"
@@ -208,6 +215,7 @@ class _Reading:
         self.offsets: dict[str, BodyPose] = {}
         self.lines_of: dict[tuple[str, str], int] = {}
         self.dimension: tuple[bool, int] | None = None
+        self.of_quaternions = False
         self.orders: tuple[list[int], bool] | None = None
 
     def lines(self) -> None:
@@ -249,7 +257,8 @@ class _Reading:
             self.source.wrong(
                 of_isam[0],
                 f"{of_isam[1]} is a word of iSAM, whose files have covariances, informations or "
-                "square roots of these: say matrices='covariance', 'information' or 'square root'",
+                f"square roots of these: state {option_text('matrices', 'covariance')}, "
+                f"information or {option_text('matrices', 'square root')}",
             )
             self.matrices = "information"
         self.toro = True
@@ -405,8 +414,9 @@ class _Reading:
         by_error[:n, :n] = pose.rotation[:n, :n]
         if record.planar:
             by_error[2, 2] = -1.0
-        elif self.rotations == "quaternion" and record.values == _QUATERNION:
-            by_error[3:, 3:] *= 2.0
+        elif record.values == _QUATERNION:
+            self.of_quaternions = True
+            by_error[3:, 3:] *= 2.0 if self.rotations == "quaternion" else 1.0
         there = by_error @ c @ by_error.T
         place = self.source.place(line)
         self.graph.edges.append(PoseEdge(a, b, pose, 0.5 * (there + there.T), place))

@@ -17,8 +17,8 @@ import numpy as np
 
 from ...errors import InputError, taking
 from ...network.network import Network
-from ...observations import BodyVector, Observation, RelativePosition, RelativeRotation
-from ...observations.body_vectors import HeadingDifference, PlanarVector
+from ...observations import Observation, RelativePosition, RelativeRotation
+from ...observations.body_vectors import BodyVector, HeadingDifference, PlanarVector
 from ...rotation import TURN_ABOUT_X, exp_rotation
 from ...solve.solution import Solution
 from ...types import Array
@@ -236,17 +236,17 @@ class _Writing:
         if members[0] is turned:
             order = np.roll(order, n)
         own = covariance[np.ix_(order, order)]
-        value, turn = np.array(at.value), np.atleast_1d(turned.value)  # type: ignore[attr-defined]
+        value, turn = np.array(at.value), np.atleast_1d(turned.value)
         by_error = np.eye(len(own))
         if self.planar:
-            measured = in_plan(*value.tolist(), -float(turn[0]))
+            rotation = in_plan(0.0, 0.0, -float(turn[0])).rotation
             by_error[2, 2] = -1.0
             text = numbers([*value, -turn[0]])
         else:
             rotation = exp_rotation(turn)
             by_error[3:, 3:] *= 2.0 if self.rotations == "quaternion" else 1.0
             text = numbers([*value, *quaternion(rotation)])
-        by_error[:n, :n] = measured.rotation[:n, :n] if self.planar else rotation
+        by_error[:n, :n] = rotation[:n, :n]
         error = np.linalg.inv(by_error)
         information = np.linalg.inv(error @ own @ error.T)
         information = information[np.triu_indices(len(own))]

@@ -26,6 +26,7 @@ from ...rotation import (
     rotation_of_quaternion,
 )
 from ...types import Array
+from ..format_options import option_text
 from ..format_reader import NetworkReader, Reader
 from ..source import Problems, TextSource, is_unread
 from ..text_files import file_beginning
@@ -187,9 +188,11 @@ def read_trajectory(
                     )
                 )
     if sigma_m is None and sigma_rad is None:
-        source.problems.remarks.append(
-            "poses are start values; sigma_m and sigma_rad make them observations"
+        network.without_observations = (
+            f"the poses are start values; {option_text('sigma_m', '0.05')} and "
+            f"{option_text('sigma_rad', '0.01')} make observations of them"
         )
+        source.problems.remarks.append(network.without_observations)
     if again:
         source.problems.remarks.append(
             f"{len(again)} poses have the time of the one before, and names that end in{SECOND}; "

@@ -33,6 +33,7 @@ from ...models.rolling_shutter import Towards
 from ...network.network import Network
 from ...rotation import TURN_ABOUT_X, exp_rotation, log_rotation
 from ...types import Array
+from ..format_options import option_text
 from ..format_reader import NetworkReader, Reader
 from ..json_files import JsonNode, parse_json
 from ..photogrammetry.block_source import add_pixel_camera, rotation_and_scale
@@ -111,6 +112,7 @@ def read_transforms_json(
             velocity, turn = undo[:, :3] @ (moving.velocity / scale), TURN_ABOUT_X.T @ moving.turn
             if velocity.any() or turn.any():
                 network.set_unknown("photo_motion", name, [*velocity.tolist(), *turn.tolist()])
+    network.without_observations = "the file has poses alone, which are start values"
     problems.remarks.append("the file has no observations: its poses are start values")
     problems.finish(network)
     return network
@@ -222,7 +224,8 @@ def _camera(
 
     w, h = (number(k, size[i] if size else math.nan, above=0.0) for i, k in enumerate("wh"))
     if math.isnan(w) or math.isnan(h):
-        raise owner.fail("the file has no size of the images, w and h: state size=(w, h)")
+        wanted = option_text("size", ("1920", "1080"))
+        raise owner.fail(f"the file has no size of the images, w and h: state {wanted}")
     fx = number("fl_x", math.nan, above=0.0)
     if math.isnan(fx):
         if "camera_angle_x" not in given:

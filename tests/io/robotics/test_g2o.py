@@ -318,3 +318,19 @@ def test_the_first_line_tells_a_pose_graph(tmp_path: Path, text: str, yes: bool)
 def test_options_that_are_wrong(tmp_path: Path, options: dict) -> None:
     with pytest.raises(InputError, match=next(iter(options))):
         read_g2o(write(tmp_path, SPACE), **options)
+
+
+def test_the_choice_of_options_is_told(tmp_path: Path) -> None:
+    """In the report where it matters, and for the command and for Python in messages."""
+    half = fga.read(write(tmp_path, SPACE)).remarks
+    assert half == [
+        "rotations of the matrices are half angles, as g2o writes them; rotations=vector "
+        "(--set rotations=vector) takes them for rotation vectors, as GTSAM does"
+    ]
+    vector = fga.read(write(tmp_path, SPACE), rotations="vector").remarks
+    assert vector == ["rotations of the matrices are rotation vectors, as rotations=vector states"]
+    assert not any("matrices" in r for r in fga.read(write(tmp_path, PLAN)).remarks)
+    with pytest.raises(InputError) as error:
+        fga.read(write(tmp_path, ISAM))
+    for choice in ("matrices=covariance (--set matrices=covariance)", "--set 'matrices=square"):
+        assert choice in str(error.value)

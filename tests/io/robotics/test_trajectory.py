@@ -87,9 +87,14 @@ def test_rows_of_kitti_are_rotations_and_places_with_times_of_another_file(tmp_p
 
 def test_the_network_says_that_poses_without_accuracies_are_start_values(tmp_path: Path) -> None:
     path = write(tmp_path, TUM, "a.tum")
-    assert fga.read(path).remarks == [
-        "poses are start values; sigma_m and sigma_rad make them observations"
-    ]
+    said = (
+        "the poses are start values; sigma_m=0.05 (--set sigma_m=0.05) and "
+        "sigma_rad=0.01 (--set sigma_rad=0.01) make observations of them"
+    )
+    assert fga.read(path).remarks == [said]
+    with pytest.raises(InputError) as error:
+        fga.adjust(fga.read(path))
+    assert str(error.value) == f"nothing to adjust: the network has no observations: {said}"
     assert not fga.read(path, sigma_m=0.1).remarks
 
 
