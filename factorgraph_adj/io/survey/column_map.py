@@ -7,7 +7,7 @@ lines and other observations, each of which names a header for each column of th
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -54,11 +54,10 @@ TEXT_COLUMNS = (
     "photo",
 )
 """Columns that are no numbers: a decimal comma is not searched for in them."""
+LAYOUT_KEYS = ("delimiter", "decimal", "encoding", "header")
+"""Keys of the mapping that a table may state for itself."""
 MAPPING_KEYS = (
-    "delimiter",
-    "decimal",
-    "encoding",
-    "header",
+    *LAYOUT_KEYS,
     "sheet",
     "axes",
     "dimension",
@@ -107,6 +106,20 @@ class MappedUnits:
 
 
 @dataclass(frozen=True)
+class TableLayout:
+    """How the text of a table is divided."""
+
+    delimiter: str | None = None
+    """Character between cells; None: it follows from the header."""
+    decimal: str = "."
+    """Decimal point or comma."""
+    encoding: str = "utf-8-sig"
+    """Encoding of the text."""
+    header: int = 1
+    """Line of the header; 0: there is none, and columns are named 1, 2, …"""
+
+
+@dataclass(frozen=True)
 class MappedSection:
     """One table of the mapping."""
 
@@ -118,6 +131,8 @@ class MappedSection:
     """Sheet of a workbook; None: that of the mapping."""
     columns: Mapping[str, str]
     """Header of the file for each column of this package; ``=text`` is a constant."""
+    layout: TableLayout = field(default_factory=TableLayout)
+    """Layout of its file: that of the mapping, unless the table states its own."""
     where: str = ""
     """Where the mapping states it, for messages."""
 
@@ -126,14 +141,6 @@ class MappedSection:
 class ColumnMap:
     """How a table is read."""
 
-    delimiter: str | None = None
-    """Character between cells; None: it follows from the header."""
-    decimal: str = "."
-    """Decimal point or comma."""
-    encoding: str = "utf-8-sig"
-    """Encoding of the text."""
-    header: int = 1
-    """Line of the header; 0: there is none, and columns are named 1, 2, …"""
     axes: str = "en"
     """Axes of x and y."""
     sheet: str | None = None
@@ -166,27 +173,10 @@ def column_map(given: ColumnMap | Mapping[str, Any] | str | Path) -> ColumnMap:
         if k not in MAPPING_KEYS
     ]
     out: dict[str, Any] = {}
-    for key, valid in (("decimal", (".", ",")), ("axes", ("en", "ne"))):
-        out[key] = given.get(key, valid[0])
-        if out[key] not in valid:
-            problems.append(
-                Problem(f"{key} must be one of {known(valid)}, not {out[key]!r}", where)
-            )
-    delimiter = given.get("delimiter")
-    out["delimiter"] = DELIMITERS.get(str(delimiter), delimiter)
-    if delimiter is not None and (not isinstance(delimiter, str) or len(out["delimiter"]) != 1):
-        what = f"delimiter must be a character or {known(DELIMITERS)}, not {delimiter!r}"
-        problems.append(Problem(what, where))
-    out["encoding"] = given.get("encoding", "utf-8-sig")
-    try:
-        "".encode(out["encoding"])
-    except (LookupError, TypeError, UnicodeError):
-        problems.append(
-            Problem(f"unknown encoding {out['encoding']!r}; valid: utf-8, cp1252 …", where)
-        )
-    out["header"] = given.get("header", 1)
-    if not isinstance(out["header"], int) or not 0 <= out["header"] <= 10_000:
-        problems.append(Problem(f"header must be a line, or 0, not {out['header']!r}", where))
+    out["axes"] = given.get("axes", "en")
+    if out["axes"] not in ("en", "ne"):
+        problems.append(Problem(f"axes must be one of en, ne, not {out['axes']!r}", where))
+    layout = _layout(given, TableLayout(), where, problems)
     out["sheet"] = given.get("sheet")
     if out["sheet"] is not None and not isinstance(out["sheet"], str):
         problems.append(Problem(f"sheet must be a name, not {out['sheet']!r}", where))
@@ -203,7 +193,7 @@ def column_map(given: ColumnMap | Mapping[str, Any] | str | Path) -> ColumnMap:
     out["sections"] = tuple(
         s
         for name in MAPPED_SECTIONS
-        if name in given and (s := _section(name, given[name], where, problems))
+        if name in given and (s := _section(name, given[name], layout, where, problems))
     )
     if not any(name in given for name in MAPPED_SECTIONS):
         problems.append(Problem(f"needs one of the tables {known(MAPPED_SECTIONS)}", where))
@@ -223,12 +213,42 @@ def _units(given: object, where: str, problems: list[Problem]) -> MappedUnits:
         return MappedUnits()
 
 
-def _section(name: str, given: object, where: str, problems: list[Problem]) -> MappedSection | None:
-    if not isinstance(given, Mapping) or not all(isinstance(v, str) for v in given.values()):
+def _layout(
+    given: Mapping[str, Any], default: TableLayout, where: str, problems: list[Problem]
+) -> TableLayout:
+    """Return the layout that a mapping or one of its tables states."""
+    stated = {key: given[key] for key in LAYOUT_KEYS if key in given}
+    delimiter = stated.get("delimiter")
+    if delimiter is not None:
+        stated["delimiter"] = DELIMITERS.get(str(delimiter), delimiter)
+        if not isinstance(delimiter, str) or len(stated["delimiter"]) != 1:
+            what = f"delimiter must be a character or {known(DELIMITERS)}, not {delimiter!r}"
+            problems.append(Problem(what, where))
+    if (decimal := stated.get("decimal", ".")) not in (".", ","):
+        problems.append(Problem(f"decimal must be one of ., ,, not {decimal!r}", where))
+    if "encoding" in stated:
+        try:
+            "".encode(stated["encoding"])
+        except (LookupError, TypeError, UnicodeError):
+            what = f"unknown encoding {stated['encoding']!r}; valid: utf-8, cp1252 …"
+            problems.append(Problem(what, where))
+    header = stated.get("header", 1)
+    if isinstance(header, bool) or not isinstance(header, int) or not 0 <= header <= 10_000:
+        problems.append(Problem(f"header must be a line, or 0, not {header!r}", where))
+    return replace(default, **stated)
+
+
+def _section(
+    name: str, given: object, layout: TableLayout, where: str, problems: list[Problem]
+) -> MappedSection | None:
+    if not isinstance(given, Mapping) or not all(
+        isinstance(v, str) for k, v in given.items() if k not in LAYOUT_KEYS
+    ):
         what = f"{name} must name a header of the file for each column, all of them texts"
         problems.append(Problem(what, f"{where}: [{name}]"))
         return None
-    columns = {k: v for k, v in given.items() if k not in ("file", "sheet")}
+    columns = {k: v for k, v in given.items() if k not in ("file", "sheet", *LAYOUT_KEYS)}
+    layout = _layout(given, layout, f"{where}: [{name}]", problems)
     valid = SECTION_COLUMNS[name]
     for key in columns:
         if valid is not None and key not in valid:
@@ -241,4 +261,4 @@ def _section(name: str, given: object, where: str, problems: list[Problem]) -> M
     if file is not None and (why := path_objection(file)):
         problems.append(Problem(f"file of {name}: {file!r} {why}", f"{where}: [{name}]"))
         return None
-    return MappedSection(name, file, given.get("sheet"), columns, f"{where}: [{name}]")
+    return MappedSection(name, file, given.get("sheet"), columns, layout, f"{where}: [{name}]")

@@ -86,12 +86,12 @@ def read_columns(
     - ``observations``: kind and the columns of this kind in observations.csv.
 
     Keys beside them: ``delimiter`` (from the header if absent), ``decimal`` (``.`` or ``,``),
-    ``encoding``, ``header`` (line of the header; 0: none, columns are named 1, 2, …), ``axes`` (en
-    or ne: what x and y are; default en), ``sheet``, ``dimension``, ``units`` (length, also ft and
-    us-ft; angle, also packed, D.MMSS; line) and ``sigma``, standard deviations by kind as in
-    project.toml. Columns of the file that are not mapped are not read. A row of points without
-    coordinates and empty rows of another table are no error; a point that only readings or
-    observations name is unknown. Points that no table states are added; those that are levelled
+    ``encoding``, ``header`` (line of the header; 0: none, columns are named 1, 2, …), which a table
+    may also state for itself, ``axes`` (en or ne: what x and y are; default en), ``sheet``,
+    ``dimension``, ``units`` (length, also ft and us-ft; angle, also packed, D.MMSS; line) and
+    ``sigma``, standard deviations by kind as in project.toml. Columns of the file that are not
+    mapped are not read. A row of points without coordinates and empty rows of another table are no
+    error; a point that only readings or observations name is unknown. Points that no table states are added; those that are levelled
     alone are held in plan.
 
     Without a mapping the error proposes one that is guessed from the header, in TOML; ``"guess"``
@@ -144,6 +144,7 @@ class _Reader:
         self.book = FieldBook(self.source, accuracies, fixed, zero_is_unmeasured=False)
         self.held: dict[str, str] = {}
         self.observations: list[Observation] = []
+        self.decimal = "."
         self.at: tuple[str, float, str] | None = None
         self.context: RecordContext | None = None
         if mapping.units.of_project is not None:
@@ -167,6 +168,7 @@ class _Reader:
             }[section.name]
             self.book.source = self.source = Source(file, self.problems)
             self.book.current = None
+            self.decimal = section.layout.decimal
             for line, row in self._rows(file, section):
                 read(line, row)
         self.book.source = self.source = Source(self.path, self.problems)
@@ -228,7 +230,7 @@ class _Reader:
                 header = self._header(file, line, cells, section)
                 if header is None:
                     return
-                if self.map.header:
+                if section.layout.header:
                     continue
             if any(cells):
                 yield line, self._cells(file, line, header, cells, section)
@@ -237,17 +239,17 @@ class _Reader:
 
     def _table(self, file: Path, section: MappedSection) -> Iterator[tuple[int, list[str]]]:
         """Iterate over the rows from that of the header on: line and cells."""
-        start = max(self.map.header - 1, 0)
+        start = max(section.layout.header - 1, 0)
         if is_workbook(file):
             rows = self.problems.attempt(
                 file.name, sheet_rows, file, section.sheet or self.map.sheet
             )
             yield from ((line, cells) for line, cells in rows or () if line > start)
             return
-        lines = self._lines(file)
+        lines = self._lines(file, section)
         if len(lines) <= start:
             return
-        delimiter = self.map.delimiter or next((d for d in ";\t," if d in lines[start]), ",")
+        delimiter = section.layout.delimiter or next((d for d in ";\t," if d in lines[start]), ",")
         found = csv.reader(lines[start:], delimiter=delimiter, skipinitialspace=delimiter == " ")
         try:
             for cells in found:
@@ -257,17 +259,16 @@ class _Reader:
         except csv.Error as error:
             self.source.wrong(start + 1, f"is not a table: {error}")
 
-    def _lines(self, file: Path) -> list[str]:
+    def _lines(self, file: Path, section: MappedSection) -> list[str]:
         try:
-            text = read_bytes(file).decode(self.map.encoding)
+            text = read_bytes(file).decode(section.layout.encoding)
         except InputError as error:
             self.problems.extend(error.problems)
             return []
         except UnicodeDecodeError as error:
             line = error.object[: error.start].count(b"\n") + 1
-            what = (
-                f"is not {self.map.encoding} text: state encoding, such as cp1252, in the mapping"
-            )
+            encoding = section.layout.encoding
+            what = f"is not {encoding} text: state encoding, such as cp1252, in the mapping"
             self.source.wrong(line, what)
             return []
         text = text.replace("\r\n", "\n").replace("\r", "\n").replace("\0", "\ufffd")
@@ -277,7 +278,7 @@ class _Reader:
         self, file: Path, line: int, cells: list[str], section: MappedSection
     ) -> list[str] | None:
         """Return the names of the columns; None, and a problem, if mapped ones are missing."""
-        header = cells if self.map.header else [str(i + 1) for i in range(len(cells))]
+        header = cells if section.layout.header else [str(i + 1) for i in range(len(cells))]
         missing = [v for v in section.columns.values() if not v.startswith("=") and v not in header]
         twice = [v for v in section.columns.values() if header.count(v) > 1]
         for name in missing:
@@ -297,7 +298,8 @@ class _Reader:
         out = {}
         for ours, theirs in section.columns.items():
             text = theirs[1:] if theirs.startswith("=") else by_name.get(theirs, "")
-            if self.map.decimal == "," and ours not in TEXT_COLUMNS and not theirs.startswith("="):
+            is_number = ours not in TEXT_COLUMNS and not theirs.startswith("=")
+            if section.layout.decimal == "," and is_number:
                 text = text.replace(".", "").replace(",", ".") if "," in text else text
             if text:
                 out[ours] = text
@@ -314,7 +316,7 @@ class _Reader:
                 return numbers.parse_quantity(row[name]) * MAPPED_LENGTHS[unit]
             return numbers.parse_quantity(row[name], unit)
         except ValueError as error:
-            comma = self.map.decimal == "." and "," in row[name]
+            comma = self.decimal == "." and "," in row[name]
             hint = ", or state decimal = ',' in the mapping" if comma else ""
             self.source.wrong(line, f"{name}: {error}{hint}")
             return math.nan
