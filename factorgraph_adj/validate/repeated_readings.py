@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from itertools import combinations, pairwise
+from itertools import pairwise
 from math import isfinite, pi, sqrt
 from typing import Any
 
@@ -183,17 +183,21 @@ def _distances(network: Network) -> Iterator[Finding]:
             ends = sorted(((o.station, o.instrument_height), (o.target, o.target_height)))
             same["slope", *ends].append(o)
     for group in same.values():
-        for a, b in combinations(group, 2):
-            w = a.value - b.value
-            limit = TOLERANCE_IN_SIGMAS * float(
-                np.hypot(reading_sigma(a, a.value), reading_sigma(b, b.value))
-            )
-            if abs(w) > limit:
+        values = np.array([o.value for o in group])
+        # A reading of a monitoring station has thousands of others to be compared with: its σ is
+        # computed once.
+        sigmas = np.array([reading_sigma(o, o.value) for o in group])
+        if np.ptp(values) <= TOLERANCE_IN_SIGMAS * np.sqrt(2.0) * sigmas.min():
+            continue  # no two of them differ by more
+        for i, a in enumerate(group):
+            w = values[i] - values[i + 1 :]
+            limit = TOLERANCE_IN_SIGMAS * np.hypot(sigmas[i], sigmas[i + 1 :])
+            for j in np.flatnonzero(np.abs(w) > limit).tolist():
                 yield Finding(
-                    f"{a.label()} and {b.label()} differ",
+                    f"{a.label()} and {group[i + 1 + j].label()} differ",
                     "look for a wrong reading or name",
-                    1e3 * w,
-                    1e3 * limit,
+                    1e3 * float(w[j]),
+                    1e3 * float(limit[j]),
                     "mm",
                 )
 
@@ -242,19 +246,19 @@ def _heights(network: Network) -> Iterator[Finding]:
         )
         rises[o.station, o.target].append((o, float(rise), sigma, s))
     for (a, b), there in rises.items():
+        rise, sigma = (np.array([each[k] for each in there]) for k in (1, 2))
         for back in rises.get((b, a), ()) if a < b else ():
-            for forth in there:
-                w = forth[1] + back[1]
-                limit = TOLERANCE_IN_SIGMAS * float(np.hypot(forth[2], back[2]))
-                if abs(w) > limit:
-                    yield Finding(
-                        f"the height differences of {forth[0].label()} and {back[0].label()}, "
-                        "forth and back, do not cancel",
-                        "look for a wrong height of instrument or target, or zenith angle",
-                        1e3 * w,
-                        1e3 * limit,
-                        "mm",
-                    )
+            w = rise + back[1]
+            limit = TOLERANCE_IN_SIGMAS * np.hypot(sigma, back[2])
+            for i in np.flatnonzero(np.abs(w) > limit).tolist():
+                yield Finding(
+                    f"the height differences of {there[i][0].label()} and {back[0].label()}, "
+                    "forth and back, do not cancel",
+                    "look for a wrong height of instrument or target, or zenith angle",
+                    1e3 * float(w[i]),
+                    1e3 * float(limit[i]),
+                    "mm",
+                )
 
 
 ReadingKey = tuple[object, ...]

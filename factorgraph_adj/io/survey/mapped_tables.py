@@ -91,8 +91,8 @@ def read_columns(
     ``dimension``, ``units`` (length, also ft and us-ft; angle, also packed, D.MMSS; line) and
     ``sigma``, standard deviations by kind as in project.toml. Columns of the file that are not
     mapped are not read. A row of points without coordinates and empty rows of another table are no
-    error; a point that only readings or observations name is unknown. Points that no table states are added; those that are
-    levelled alone are held in plan.
+    error; a point that only readings or observations name is unknown. Points that no table states
+    are added; those that are levelled alone are held in plan.
 
     Without a mapping the error proposes one that is guessed from the header, in TOML; ``"guess"``
     uses it where the file leaves nothing open, and a remark of the network has it.
