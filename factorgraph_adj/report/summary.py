@@ -14,7 +14,7 @@ import numpy as np
 from ..control_characters import escaped
 from ..errors import known
 from ..parts.solution import PartsSolution
-from ..quality.rejections import Rejected, Snooping
+from ..quality.rejections import Rejected, RejectedPoint, Snooping
 from ..quality.reliability import Reliability
 from ..solve.solution import Solution
 from ..statistical_tests import AdjustmentFigures, global_test
@@ -224,25 +224,39 @@ def _counts(s: Solution | PartsSolution, network: str) -> str:
 def _rejected(report: Report, most: int) -> list[str]:
     """Return the observations that data snooping rejected, with their errors, in so many lines.
 
-    The first line has their number; a point rejected with all its rays is one line.
+    The first line has their number; a point rejected with all its rays is one line. Where lines
+    are few, the last one has the names of the rest, as many as it holds.
     """
     found = report.snooping
     if found is None or not (n := len(found.rejected_ids)):
         return []
     count = _count(n, "observation")
-    shown = min(MAX_REJECTED, most)
+    shown, total = min(MAX_REJECTED, most), len(found.rejected) + len(found.rejected_points)
+    if total > shown > 1:
+        shown -= 1  # the last line has the names of the rest
     lines = [_rejected_reading(report, r) for r in found.rejected[:shown]]
-    lines += [
-        (f"{_count(len(p.rays), 'ray')} of point {p.name}", "")
-        for p in found.rejected_points[: shown - len(lines)]
-    ]
-    if rest := len(found.rejected) + len(found.rejected_points) - len(lines):
+    lines += [(_rejected_rays(p), "") for p in found.rejected_points[: max(shown - len(lines), 0)]]
+    if total > len(lines) and len(lines) < min(MAX_REJECTED, most):
+        names = [_rejected_name(report, r) for r in found.rejected[len(lines) :]]
+        left = len(lines) - len(found.rejected)
+        names += [_rejected_rays(p) for p in found.rejected_points[max(left, 0) :]]
+        lines.append((f"and {len(names)} more: {'; '.join(names)}", ""))
+    elif rest := total - len(lines):
         count += f", {rest} of them not listed" if found.rejected else ""
     starts = [f"{REJECTED}{count}: ", *[" " * len(REJECTED)] * (len(lines) - 1)]
     return [
         start + clipped(escaped(name), LINE_WIDTH - len(start) - len(error)) + error
         for start, (name, error) in zip(starts, lines, strict=True)
     ]
+
+
+def _rejected_rays(found: RejectedPoint) -> str:
+    return f"{_count(len(found.rays), 'ray')} of point {found.name}"
+
+
+def _rejected_name(report: Report, found: Rejected) -> str:
+    aside = report.set_aside
+    return found.label if aside is None else _label(aside.find(found.id, found.component))
 
 
 def _rejected_reading(report: Report, found: Rejected) -> tuple[str, str]:

@@ -160,7 +160,7 @@ def test_what_was_set_aside_is_named() -> None:
     assert found.headline().startswith("Snooping: 1 observation rejected, 0 unresolved")
 
 
-def test_of_many_rejected_the_first_are_named_and_the_others_counted() -> None:
+def test_of_many_rejected_the_first_have_their_errors_and_the_others_their_names() -> None:
     network = trilateration()
     wrong = ["0-2", "0-3", "1-4", "2-5", "3-4", "1-5"]
     for k, ident in enumerate(wrong):
@@ -173,8 +173,11 @@ def test_of_many_rejected_the_first_are_named_and_the_others_counted() -> None:
     lines = render_summary(report).splitlines()
     at = next(i for i, line in enumerate(lines) if line.startswith("  rejected "))
     n = len(found.rejected)
-    assert lines[at].startswith(f"  rejected     {n} observations, {n - 5} of them not listed: ")
-    assert all(", error " in line for line in lines[at : at + 5])
+    assert lines[at].startswith(f"  rejected     {n} observations: ")
+    assert all(", error " in line for line in lines[at : at + 4])
+    fifth = found.rejected[4]
+    assert lines[at + 4].startswith(f"               and {n - 4} more: horizontal distance ")
+    assert f"(id {fifth.id})" in lines[at + 4]
     assert lines[at + 5] == ""
     assert len(lines) <= MAX_LINES
 
