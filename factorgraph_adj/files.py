@@ -181,10 +181,14 @@ def note_written(paths: Iterable[Path]) -> None:
 
 
 def refuse_replacing(paths: Iterable[Path]) -> None:
-    """Raise the files that would be replaced or removed though they were read.
+    """Raise the files that would be replaced though they were read, and those without a folder.
+
+    Missing folders are made when files are written; a file in their place, or a folder without
+    permission to write, is a problem that shows before a computation.
 
     Raises:
-        InputError: files that were read within `keeping_inputs`, and names with NUL, all of them.
+        InputError: files that were read within `keeping_inputs`, names with NUL, and folders that
+            cannot be made, all of them.
     """
     run = _RUN.get()
     paths, read = list(paths), set() if run is None else run.read
@@ -200,8 +204,24 @@ def refuse_replacing(paths: Iterable[Path]) -> None:
         for path in paths
         if path.exists() and path.resolve() in read
     ]
+    folders = dict.fromkeys(path.parent for path in paths)
+    problems += [Problem(why, str(f)) for f in folders if (why := folder_objection(f))]
     if problems:
         raise InputError(problems)
+
+
+def folder_objection(folder: Path) -> str:
+    """Return why no files can be written to a folder, which need not exist; empty: they can."""
+    try:
+        there = next(p for p in (folder, *folder.parents) if p.exists())
+    except (OSError, StopIteration) as error:
+        reason = system_reason(error) if isinstance(error, OSError) else "no such folder"
+        return f"cannot be written: {reason}"
+    if not there.is_dir():
+        return f"cannot be written: {there} is a file, not a folder"
+    if not os.access(there, os.W_OK | os.X_OK):
+        return f"cannot be written: no permission to write in {there}"
+    return ""
 
 
 # -- contents -------------------------------------------------------------------------------------

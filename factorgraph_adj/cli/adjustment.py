@@ -57,6 +57,7 @@ from .options import (
     check_sigma,
     positive_count,
     probability,
+    problems_of_outputs,
     problems_of_report_options,
     refuse_exports,
     requested_lines,
@@ -108,6 +109,7 @@ def adjust_in_parts(options: argparse.Namespace) -> int:
         Problem(f"--{name.replace('_', '-')} is for a network that is adjusted as a whole")
         for name in refused
     ]
+    problems += problems_of_outputs(options) if not refused else []
     if options.parts is not None and len(options.project) > 1:
         problems.append(Problem("--parts cuts one project; several projects are parts already"))
     if options.leave_out_undetermined and len(options.project) > 1:
@@ -329,9 +331,7 @@ def _fitted(
 
 def _refuse_options(options: argparse.Namespace) -> None:
     """Raise the problems of the options before any file is read."""
-    problems = []
-    if options.out is not None and Path(options.out).exists() and not Path(options.out).is_dir():
-        problems.append(Problem("--out must be a folder", options.out))
+    problems = list(problems_of_outputs(options))
     problems += problems_of_report_options(options)
     if options.alpha >= options.power:
         problems.append(

@@ -32,6 +32,7 @@ from .options import (
     add_leave_out,
     adjust_determined,
     probability,
+    problems_of_outputs,
     problems_of_report_options,
     refuse_exports,
     run_description,
@@ -167,9 +168,7 @@ def _write(options: argparse.Namespace, report: EpochsReport) -> None:
 
 def _refuse_options(options: argparse.Namespace) -> None:
     """Raise the problems of the options before any file is read."""
-    problems = []
-    if options.out is not None and Path(options.out).exists() and not Path(options.out).is_dir():
-        problems.append(Problem("--out must be a folder", options.out))
+    problems = list(problems_of_outputs(options))
     if options.plot is not None and Path(options.plot).is_dir():
         problems.append(Problem("--plot must be a file, not a folder", options.plot))
     elif options.plot is not None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import shlex
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import fields, replace
 from datetime import datetime
 from pathlib import Path
@@ -13,7 +14,7 @@ from typing import Any, Literal, TypeVar, get_args
 from ..adjustment import largest_determined_part
 from ..errors import AdjustmentError, InputError, Problem, known, similar
 from ..export.formats import EXPORT_FORMATS, ExportTarget, export_target, format_list
-from ..files import refuse_replacing
+from ..files import folder_objection, refuse_replacing
 from ..io.adjustment_options import AdjustOptions
 from ..io.project import Project
 from ..io.writers import WRITERS
@@ -287,6 +288,22 @@ def add_probabilities(parser: argparse._ActionsContainer) -> None:
         metavar="P",
         help="with which an error of the smallest detectable size is found (0.80)",
     )
+
+
+def problems_of_outputs(options: argparse.Namespace) -> Iterator[Problem]:
+    """Iterate over the outputs for which there can be no folder; missing folders are made."""
+    out = getattr(options, "out", None)
+    if out is not None and Path(out).exists() and not Path(out).is_dir():
+        yield Problem("--out must be a folder", out)
+    elif out is not None and (why := folder_objection(Path(out))):
+        yield Problem(why, out)
+    files = [getattr(options, name, None) for name in ("report", "plot")]
+    for text in getattr(options, "export", ()) or ():
+        with suppress(InputError):  # `refuse_exports` names unknown formats with what else is wrong
+            files.append(str(_target(text).path))
+    for file in files:
+        if file is not None and (why := folder_objection(Path(file).parent)):
+            yield Problem(why, file)
 
 
 def problems_of_report_options(options: argparse.Namespace) -> Iterator[Problem]:

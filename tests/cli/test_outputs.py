@@ -334,3 +334,49 @@ def test_a_list_of_moves_from_elsewhere_moves_nothing_outside_its_folder(tmp_pat
             write_files(tmp_path / "sent", {"y.txt": "next"})
         assert content(tmp_path / "home") == {Path("key.txt"): b"mine"}
         assert not (tmp_path / "sent" / "y.txt").exists()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("adjust", "P", "--report", "taken/page.html"),
+        ("adjust", "P", "--out", "taken/out"),
+        ("adjust", "P", "--export", "taken/deep/next.toml"),
+        ("adjust", "P", "--export", "dxf:taken/plan"),
+        ("adjust", "P", "--parts", "2", "--out", "taken/out"),
+        ("plot", "P", "--out", "taken/out"),
+        ("compare", "P", "P", "--report", "taken/page.html"),
+        ("compare", "P", "P", "--plot", "taken/plan.png"),
+        ("compare", "P", "P", "--out", "taken/out"),
+        ("compare", "P", "P", "--export", "taken/moved.dxf"),
+    ],
+)
+def test_a_file_in_place_of_a_folder_is_told_before_the_computation(
+    tmp_path, monkeypatch, capsys, arguments
+):
+    """The project is not even read: it does not exist."""
+    monkeypatch.chdir(tmp_path)
+    Path("taken").write_text("a file", encoding="utf-8")
+    assert main(list(arguments)) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    output = arguments[-1].removeprefix("dxf:")
+    said = f"  {output}: cannot be written: taken is a file, not a folder\n"
+    assert printed.err == f"1 problem:\n{said}"
+
+
+def test_a_folder_without_permission_is_told_before_the_computation(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("closed").mkdir()
+    monkeypatch.setattr("factorgraph_adj.files.os.access", lambda *_: False)
+    assert main(["adjust", "P", "--report", "closed/sub/page.html"]) == 2
+    said = "closed/sub/page.html: cannot be written: no permission to write in closed"
+    assert said in capsys.readouterr().err
+
+
+def test_missing_folders_are_made(project, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    outputs = ["--report", "a/b/page.html", "--out", "c/d", "--export", "e/f/next.toml"]
+    main(["adjust", str(project), *outputs])
+    for made in ("a/b/page.html", "c/d/report.txt", "e/f/next.toml"):
+        assert Path(made).exists()
