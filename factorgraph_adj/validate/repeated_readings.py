@@ -246,10 +246,10 @@ def _heights(network: Network) -> Iterator[Finding]:
         )
         rises[o.station, o.target].append((o, float(rise), sigma, s))
     for (a, b), there in rises.items():
-        rise, sigma = (np.array([each[k] for each in there]) for k in (1, 2))
+        forth, sigmas = (np.array([each[k] for each in there]) for k in (1, 2))
         for back in rises.get((b, a), ()) if a < b else ():
-            w = rise + back[1]
-            limit = TOLERANCE_IN_SIGMAS * np.hypot(sigma, back[2])
+            w = forth + back[1]
+            limit = TOLERANCE_IN_SIGMAS * np.hypot(sigmas, back[2])
             for i in np.flatnonzero(np.abs(w) > limit).tolist():
                 yield Finding(
                     f"the height differences of {there[i][0].label()} and {back[0].label()}, "
