@@ -380,7 +380,8 @@ def at_epoch(observation: Observation, frame: Frame, moved: Callable[[str], Arra
     """
     record = observation.record
     assert record.model is not None  # readings of SNAP have one
-    value = np.array([observation.value], dtype=float)  # type: ignore[attr-defined]
+    number = float(observation.value)  # type: ignore[attr-defined]
+    value = np.array([number])
     constants = {c: np.array([getattr(observation, c)], dtype=float) for c in record.constants}
     computed = []
     for share in (0.0, 1.0):
