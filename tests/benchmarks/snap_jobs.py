@@ -2,7 +2,9 @@
 
 FOLDER is regression_tests/snap of github.com/linz/snap (BSD-3-Clause), with ``in`` (jobs) and
 ``check`` (a folder with the listing of each). Prints a line for each job: equal, differs, or
-refused with the reason. Squares are equal to 10⁻⁴ of themselves, or to the digits of the listing.
+refused with the reason. Of a listing without figures the adjusted stations are compared, or which
+readings take part with which errors. Squares are equal to 10⁻⁴ of themselves, or to the digits of
+the listing.
 A job that a deformation model concerns is refused, and read once more without the model.
 """
 
@@ -16,8 +18,11 @@ import factorgraph_adj as fga
 from tests.loaders.snap_listing import (
     Summary,
     adjusted_stations,
+    errors_of,
+    read_errors,
     read_stations,
     read_summary,
+    same_errors,
     summary,
 )
 
@@ -50,6 +55,11 @@ def compared(job: Path, listing: Path) -> tuple[str, str]:
     if theirs is None:
         if table and same:
             return "equal", f"stations as listed; {shown(ours)}{remark}"
+        errors = read_errors(listing)
+        if errors is not None:
+            same = same_errors(errors, errors_of(network))
+            what = "readings and their errors " + ("as listed" if same else "differ")
+            return "equal" if same else "differs", f"{what}; {shown(ours)}{remark}"
         return "read", shown(ours) + remark
     equal = (ours.observations, ours.redundancy) == (theirs.observations, theirs.redundancy)
     near = abs(ours.squares - theirs.squares) <= max(DIGIT, SHARE * theirs.squares)

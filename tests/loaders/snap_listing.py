@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import csv
 import re
 from dataclasses import dataclass
 from pathlib import Path
 
 import factorgraph_adj as fga
 from factorgraph_adj.io.survey.snap import HELD_SIGMA_M
+from factorgraph_adj.io.survey.snap_readings import ANGLES
 from factorgraph_adj.observations import ControlPoint
+from factorgraph_adj.units import ARCSEC
 
 _FIGURES = {
     "observations": "Number of observations",
@@ -81,6 +84,106 @@ def adjusted_stations(network: fga.Network) -> dict[str, tuple[str, str, str]]:
         own = errors.get(name, {})
         out[name] = (how, own.get("en", "-"), own.get("u", "-"))
     return out
+
+
+KINDS_OF_CLASSES = {
+    "SlopeDistance": ("SD", "DR"),
+    "MeanHeightDistance": ("HD",),
+    "EllipsoidDistance": ("ED", "MD"),
+    "Direction": ("HA",),
+    "GeodeticAzimuth": ("AZ", "PB"),
+    "GyroAzimuth": ("AZ", "PB"),
+    "ZenithAngle": ("ZD",),
+    "EllipsoidHeightDifference": ("LV",),
+    "AstronomicLatitude": ("LT",),
+    "AstronomicLongitude": ("LN",),
+    "EllipsoidHeight": ("OH", "EH"),
+    "GnssVector": ("GB",),
+    "GnssPosition": ("GX",),
+    "FrameVector": ("GB",),
+    "FrameCoordinate": ("GX",),
+}
+"""Types of SNAP by the name of a class of observations."""
+_ROW = re.compile(
+    r"^.*?\s(?P<kind>[A-Z]{2})(?P<rejected>\*?)\s+(?:\d+/\d\d/\d{4}\s+)?(?P<file>\S+\.\w+)\s+"
+    r"(?P<line>\d+)\s.*?(?P<error>[\d.]+)\s*$",
+    re.MULTILINE,
+)
+"""Row of a table of residuals with the columns of files and lines, and errors at its end."""
+
+
+@dataclass(frozen=True)
+class ListedError:
+    """Standard error of a reading as a listing prints it."""
+
+    kinds: tuple[str, ...]
+    """Types that it may have."""
+    error: float
+    """Error in metres or radians; NaN of a vector."""
+    half_digit: float = 0.0
+    """Half of the last printed digit."""
+
+    def is_that_of(self, other: ListedError) -> bool:
+        """Return whether a reading is of the type and has the error, if it is a scalar."""
+        if not set(self.kinds) & set(other.kinds):
+            return False
+        near = abs(self.error - other.error) <= 1.05 * self.half_digit
+        return near or other.error != other.error
+
+
+ListedErrors = dict[tuple[str, int], list[ListedError]]
+"""Errors of the readings that take part, by file and line."""
+
+
+def read_errors(path: Path) -> ListedErrors | None:
+    """Return the errors of a listing, or of the table of observations beside it; None: no table."""
+    table = path.with_name(f"{path.stem}-obs.csv")
+    out: ListedErrors = {}
+    if table.is_file():
+        with table.open(newline="") as lines:
+            for row in csv.DictReader(lines):
+                if row["status"] == "use":
+                    unit = 3600.0 * ARCSEC if row["obstype"] in ANGLES else 1.0
+                    error = float(row["error"] or "nan") * unit
+                    half = 0.5 * 10.0 ** -len(row["error"].partition(".")[2]) * unit
+                    found = ListedError((row["obstype"],), error, half)
+                    key = row["sourcefile"].replace("\\", "/").rpartition("/")[2]
+                    out.setdefault((key, int(row["sourcelineno"])), []).append(found)
+        return out
+    begun = path.read_text(errors="replace").partition("OBSERVATION RESIDUALS")[2]
+    for row in _ROW.finditer(begun):
+        if row["rejected"]:
+            continue
+        vector = row["kind"] in ("GB", "GX")
+        unit = ARCSEC if row["kind"] in ANGLES else 1.0
+        digits = len(row["error"].partition(".")[2])
+        error = float("nan") if vector else float(row["error"]) * unit
+        found = ListedError((row["kind"],), error, 0.5 * 10.0**-digits * unit)
+        out.setdefault((row["file"], int(row["line"])), []).append(found)
+    return out or None
+
+
+def errors_of(network: fga.Network) -> ListedErrors:
+    """Return the errors of the readings of a network, in the form of `read_errors`."""
+    out: ListedErrors = {}
+    for o in network.observations.values():
+        kinds = KINDS_OF_CLASSES.get(type(o).__name__)
+        if kinds is None or is_held(o):
+            continue
+        file, _, line = (o.source or "").rpartition(":")
+        sigma = getattr(o, "sigma", None)
+        error = sigma if isinstance(sigma, float) else float("nan")
+        out.setdefault((file, int(line)), []).append(ListedError(kinds, error))
+    return out
+
+
+def same_errors(listed: ListedErrors, found: ListedErrors) -> bool:
+    """Return whether both have the same readings with the same errors."""
+    return listed.keys() == found.keys() and all(
+        len(listed[key]) == len(found[key])
+        and all(any(one.is_that_of(other) for other in found[key]) for one in listed[key])
+        for key in listed
+    )
 
 
 def is_held(observation: object) -> bool:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import math
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
@@ -26,7 +27,14 @@ from factorgraph_adj.rotation import exp_rotation
 from factorgraph_adj.types import Array
 from factorgraph_adj.units import ARCSEC
 from tests.hostile.examples import Example
-from tests.loaders.snap_listing import is_held, read_summary, summary
+from tests.loaders.snap_listing import (
+    errors_of,
+    is_held,
+    read_errors,
+    read_summary,
+    same_errors,
+    summary,
+)
 from tests.support.places import data_dir
 
 HALF_DIGIT = 0.6e-5
@@ -138,6 +146,20 @@ def test_figures_are_those_of_the_listing(name: str) -> None:
     # One radius for the refraction that testrc looks for: a share of 2·10⁻⁶.
     assert ours.squares == pytest.approx(theirs.squares, abs=HALF_DIGIT, rel=2e-6)
     assert ours.unit_weight == pytest.approx(theirs.unit_weight, abs=HALF_DIGIT)
+
+
+@pytest.mark.published
+@pytest.mark.parametrize("name", ["test1", "test1a"])
+def test_readings_that_take_part_and_their_errors_are_those_of_the_listing(name: str) -> None:
+    """Every scalar reading with its line and error: stated, of instruments, by default."""
+    folder = data_dir("snap_obs_equations")
+    listed = read_errors(folder / "expected" / name / f"{name}.lst")
+    assert listed is not None and sum(len(found) for found in listed.values()) > 70
+    found = errors_of(fga.read(folder / "in" / f"{name}.snp"))
+    assert same_errors(listed, found)
+    (first, *_), wrong = found[min(found)], dict(found)
+    wrong[min(found)] = [replace(first, error=1.1 * first.error)]
+    assert not same_errors(listed, wrong)
 
 
 @pytest.mark.published
