@@ -18,7 +18,7 @@ from ..constructors import ChecksArguments
 from ..entities import Camera, Photo, Point
 from ..errors import AdjustmentError, InputError, Problem, known
 from ..graph.dependence import stated_late, variables_in_both
-from ..graph.equations import Equations, compile_network
+from ..graph.equations import Equations, compile_network, compile_rows
 from ..graph.factors import held_factor, observation_factor
 from ..graph.keys import KeyMap, insert, state_of, variable_in_error
 from ..graph.observation_selection import without
@@ -79,14 +79,16 @@ class Isam(metaclass=ChecksArguments):
         """Put the factors of a network into iSAM2; the network is copied.
 
         Args:
-            network: the network; what it has must determine all of its unknowns.
+            network: the network; what it has must determine all of its unknowns. One without
+                observations, such as a held pose, is a beginning.
             datum: given or free; by default that of the network. A free network has the inner
                 constraints over the datum points that it has now.
             params: parameters of iSAM2; by default a relinearisation threshold of 0.01 at each
                 update.
 
         Raises:
-            InputError: the network has nothing to adjust, or bad geometry.
+            InputError: the network has nothing to adjust: everything is held, or it is free and has
+                no observations; or bad geometry.
             ApproximationError: start values are missing and cannot be found.
             AdjustmentError: its unknowns are not determined.
         """
@@ -103,8 +105,10 @@ class Isam(metaclass=ChecksArguments):
         self._numbers: dict[VariableKind, dict[str, int]] = {}
         self._starts: list[gtsam.Values] = []
         self._handed_out = 0
-        equations = compile_network(self.network)
         chosen = network.datum if datum is None else datum
+        empty = not (network.observations or network.n_image_points)
+        begin = compile_rows if empty and chosen == "given" else compile_network
+        equations = begin(self.network)
         start = choose_start(equations, chosen, None)
         system = LinearisedEquations(equations.weighted_at(start.state), start.state)
         self._equations = system.equations

@@ -106,6 +106,18 @@ def photo_pose(
     return PoseEstimate(stored[9:].copy(), stored[:9].reshape(3, 3).copy(), sigmas)
 
 
+def photo_covariance(
+    state: IncrementalState, photo: str, solution: Callable[[], Solution]
+) -> Array:
+    """Return the covariance of a photo, (6, 6); see `photo_pose` for the arguments and errors."""
+    _require(state, photo, "pose")
+    system = state.system
+    of_photo: Variable = ("pose", photo)
+    if system is None or system.value(*of_photo) is None or system.is_free:
+        return solution().pose_covariance(photo)
+    return system.cofactors(of_photo, of_photo)
+
+
 def _require(state: IncrementalState, name: str, kind: Literal["point", "pose"] = "point") -> None:
     """Refuse a point, or a photo, that is not there, or not determined."""
     network, system = state.ledger.network, state.system
@@ -331,6 +343,15 @@ class StateQueries(metaclass=ChecksArguments):
     def pose(self, photo: str) -> PoseEstimate:
         """Return the exterior orientation of a photo, as `Solution.pose`."""
         return photo_pose(self._state, photo, self.solution)
+
+    @one_at_a_time
+    def pose_covariance(self, photo: str) -> Array:
+        """Return the covariance of a photo, (6, 6), as `Solution.pose_covariance`; σ0 = 1.
+
+        Raises:
+            InputError: no such photo, or it is not determined yet.
+        """
+        return photo_covariance(self._state, photo, self.solution)
 
     @one_at_a_time
     def calibration(self, camera: str) -> CalibrationEstimate:

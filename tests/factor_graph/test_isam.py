@@ -13,10 +13,11 @@ from factorgraph_adj.entities import Photo, Point
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.graph.observation_selection import without
 from factorgraph_adj.graph.user_factors import KeyOf, MakesFactor
-from factorgraph_adj.observations import SlopeDistance
+from factorgraph_adj.observations import Correlated, SlopeDistance
 from factorgraph_adj.simulation.measurement import measure
 from tests.networks.building_site import site
 from tests.networks.deformed_models import deformed_block
+from tests.networks.odometry import odometry
 from tests.networks.simulated import simulate_industry_block
 from tests.networks.small_block import small_block
 from tests.networks.three_frames import three_frames
@@ -424,3 +425,29 @@ def test_a_covariance_that_is_diagonal_up_to_rounding_is_a_noise_model(beside: f
     network.add(fga.GnssVector("A", "B", (1.0, 0.0, 0.2), covariance=covariance))
     found = fga.Isam(network).covariance("point", "B")
     assert found == pytest.approx(covariance, rel=1e-9, abs=1e-15)
+
+
+def test_it_begins_with_one_held_pose() -> None:
+    """Poses arrive with their odometry; the end is that of the batch."""
+    whole = measure(odometry(6, joint=True), seed=3)
+    begin = fga.Network("first pose")
+    begin.cameras |= whole.cameras
+    held = next(name for name, photo in whole.photos.items() if all(photo.fixed))
+    begin.photos[held] = whole.photos[held]
+    isam = fga.Isam(begin)
+    assert len(isam) == 0
+    for item in items(whole):
+        members = item.observations if isinstance(item, Correlated) else (item,)
+        names = dict.fromkeys(n for o in members for n in o.photos())
+        photos = [whole.photos[n] for n in names if n not in isam.network.photos]
+        points = [whole.points[p] for o in members for p in o.points()]
+        new = [p for p in points if p.name not in isam.network.points]
+        isam.add(item, photos=photos, points=new)
+    isam.settle()
+    batch = fga.adjust(whole)
+    for name in whole.photos:
+        if name != held:
+            expected = batch.pose_covariance(name)
+            np.testing.assert_allclose(
+                isam.covariance("pose", name), expected, atol=1e-4 * np.abs(expected).max()
+            )

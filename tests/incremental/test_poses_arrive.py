@@ -34,6 +34,9 @@ def test_the_pose_of_a_photo_is_that_of_the_batch_and_adjusts_nothing(engine: En
         there = batch.pose(name)
         assert np.all(np.abs(pose.position - there.position) < 1e-2 * there.sigmas[3:])
         assert pose.sigmas == pytest.approx(there.sigmas, rel=1e-2)
+        covariance, expected = inc.pose_covariance(name), batch.pose_covariance(name)
+        scale = np.outer(there.sigmas, there.sigmas)
+        np.testing.assert_allclose(covariance / scale, expected / scale, atol=2e-2)
 
 
 def test_fronts_take_what_breaks_the_tree_while_it_is_relinearised(monkeypatch: pytest.MonkeyPatch):
