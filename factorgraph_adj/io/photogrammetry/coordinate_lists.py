@@ -22,7 +22,8 @@ from __future__ import annotations
 import csv
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -81,6 +82,8 @@ ORDER_OF_COLUMNS = (
     "zone are those of the first line, or of positions_system"
 )
 """The same of a table with a header."""
+WGS84_GEODETIC = "EPSG:4326"
+"""Geodetic system of frames on the ellipsoid WGS84."""
 WKT_LINE = "coordinatesystem:"
 """Beginning of the line in which Metashape states its system, behind #."""
 DEGREES_IN_WORDS = re.compile(r"(\d+(?:\.\d+)?) deg (\d+(?:\.\d+)?)' (\d+(?:\.\d+)?)\"\s*([NSEW]?)")
@@ -118,7 +121,7 @@ class ListSystem:
         """
         at = np.array([xyz])
         if self.grid is not None:
-            return np.asarray(self.grid.to_frame(frame, at)[0])
+            return np.asarray(_grid_for(self.grid, frame.ellipsoid_name).to_frame(frame, at)[0])
         self._check(at[0])
         ellipsoid = frame.geocentric.ellipsoid
         latitude, longitude = np.deg2rad(at[:, 1]), np.deg2rad(at[:, 0])
@@ -128,7 +131,7 @@ class ListSystem:
     def exchanged(self, frame: TopocentricFrame, places: Array) -> Array:
         """Return places in a frame (n, 3) with x and y of the list exchanged; NaN: invalid."""
         if self.grid is not None:
-            listed = self.grid.from_frame(frame, places)
+            listed = _grid_for(self.grid, frame.ellipsoid_name).from_frame(frame, places)
         else:
             geodetic = frame.geodetic(places)
             assert geodetic is not None
@@ -146,6 +149,18 @@ class ListSystem:
     def _check(at: Array) -> None:
         if not (abs(at[1]) <= 90 and abs(at[0]) <= 360):
             raise InputError(Problem(f"latitude {at[1]:g}°, longitude {at[0]:g}° are none"))
+
+
+@lru_cache(maxsize=16)
+def _grid_for(grid: ReferenceSystem, ellipsoid_name: str) -> ReferenceSystem:
+    """Return the system of a list for a frame on an ellipsoid.
+
+    Lists in ETRS89 and other systems lead to a frame of WGS84, such as that of OpenSfM, by PROJ's
+    best operation, which is that of no change for ETRS89.
+    """
+    if ellipsoid_name == "WGS84" and grid.ellipsoid.name != ellipsoid_name:
+        return replace(grid, datum=WGS84_GEODETIC).checked()
+    return grid
 
 
 def list_system(system: str) -> ListSystem:

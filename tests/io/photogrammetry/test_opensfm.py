@@ -239,6 +239,28 @@ def test_wrong_reconstructions_are_refused(folder: Path, old: str, new: str, mes
         fga.read(path)
 
 
+def test_lists_in_etrs89_lie_in_the_frame_of_wgs84(folder: Path) -> None:
+    """ETRS89 is WGS84 to PROJ; its ellipsoid differs by 0.1 mm, and was refused."""
+    pytest.importorskip("pyproj")
+    from factorgraph_adj.crs.reference_system import ReferenceSystem
+
+    network = fga.read(folder / "reconstruction.json")
+    grid = ReferenceSystem("EPSG:32633", heights="ellipsoidal").from_frame(network.frame, CENTRES)
+    rows = [f"{i}.jpg {x!r} {y!r} {z!r}" for i, (x, y, z) in enumerate(grid.tolist())]
+    (folder / "geo.txt").write_text("\n".join(["EPSG:25833", *rows]) + "\n")
+    options = {"positions": folder / "geo.txt", "sigma_positions": (0.02, 0.03)}
+    again = fga.read(folder / "reconstruction.json", **options)
+    found = [o.value for o in again.observations.values() if o.kind == "photo_position"]
+    assert np.array(found) == pytest.approx(CENTRES, abs=1e-3)
+    path = folder / "gcp_list.txt"
+    at = ReferenceSystem("EPSG:32633", heights="ellipsoidal").from_frame(
+        network.frame, np.array([network.points["G0"].coordinates])
+    )
+    path.write_text("EPSG:25833\n" + " ".join(map(repr, at[0].tolist())) + " 1 2 0.jpg G0\n")
+    control = fga.read(folder / "reconstruction.json").points["G0"].coordinates
+    assert control == pytest.approx(network.points["G0"].coordinates, abs=1e-3)
+
+
 @pytest.mark.parametrize("system", ["WGS84 UTM 33N", "EPSG:32633", "+proj=utm +zone=33"])
 def test_ground_control_in_a_grid_is_the_same(folder: Path, system: str) -> None:
     pytest.importorskip("pyproj")
