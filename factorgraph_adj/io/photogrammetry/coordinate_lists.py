@@ -5,6 +5,9 @@ A list names its system in the first line as ODM and OpenSfM do: ``WGS84``, ``EP
 
 - geo.txt of ODM: the system; then image, x, y, z, yaw, pitch, roll, horizontal and vertical
   accuracy and further text, with blanks between, of which what is at the end may be absent;
+- .MRK of DJI (Timestamp.MRK): number of the photo in its folder, time, offsets of the antenna that
+  are applied already, latitude, longitude, ellipsoidal height of the camera, σ in north, east and
+  elevation (m), RTK status (manuals of DJI, such as that of Zenmuse P1, Data Storage);
 - tables with a header, with commas, semicolons or tabs: references of Metashape, whose first line
   may be ``# CoordinateSystem: `` with WKT, geolocations of Pix4D, ``exiftool -csv`` of photos of
   drones. `COLUMN_NAMES` has the names of columns.
@@ -82,8 +85,22 @@ ORDER_OF_COLUMNS = (
     "zone are those of the first line, or of positions_system"
 )
 """The same of a table with a header."""
+ORDER_OF_MRK = "degrees marked Lat and Lon"
+"""The same of .MRK."""
+MRK_ROW = re.compile(
+    r"(\d+)\s+[\d.]+\s+\[\d+\]\s+(\S+),N\s+(\S+),E\s+(\S+),V\s+(\S+),Lat\s+(\S+),Lon\s+"
+    r"(\S+),Ellh\s+([^\s,]+),\s*([^\s,]+),\s*([^\s,]+)\s+(\d+),Q"
+)
+"""Row of .MRK."""
+MRK_BEGINNING = re.compile(r"\d+\s+[\d.]+\s+\[\d+\]\s+\S+,N\s")
+"""Beginning of its first row."""
+MRK_NO_POSITION, MRK_FIXED = 0, 50
+"""RTK status without a position, and of fixed ambiguities, whose σ are accuracies."""
+MRK_WITHOUT_POSITION = LeftOutReason("positions", "their RTK status is 0: there was no position")
 WGS84_GEODETIC = "EPSG:4326"
 """Geodetic system of frames on the ellipsoid WGS84."""
+NUMBER_IN_HEADER = re.compile(r"[-+]?\d+\.\d+")
+"""A coordinate where the name of a column should be."""
 WKT_LINE = "coordinatesystem:"
 """Beginning of the line in which Metashape states its system, behind #."""
 DEGREES_IN_WORDS = re.compile(r"(\d+(?:\.\d+)?) deg (\d+(?:\.\d+)?)' (\d+(?:\.\d+)?)\"\s*([NSEW]?)")
@@ -263,6 +280,8 @@ class ListedPosition:
     """Standard deviations in east, north, up, metres; None: the list has none."""
     where: str
     """File and line."""
+    why_no_sigma: str = ""
+    """Why there are no standard deviations."""
 
 
 @dataclass(frozen=True)
@@ -273,6 +292,8 @@ class PositionList:
     """Its reference system, and the order of its coordinates."""
     positions: list[ListedPosition]
     """The positions."""
+    by_number: bool = False
+    """Whether a photo is named by the number in the name of its file, such as 7 of …_0007.JPG."""
 
 
 def read_positions(path: Path, problems: Problems, *, system: str | None = None) -> PositionList:
@@ -294,6 +315,10 @@ def read_positions(path: Path, problems: Problems, *, system: str | None = None)
         stated = system or rows[0][1].split(":", 1)[1].strip()
         rows = rows[1:]
     header = rows[0][1] if rows else ""
+    if MRK_BEGINNING.match(header.strip()):
+        listed = ListedSystem(ListSystem(), ORDER_OF_MRK, path.name)
+        found = [p for row in rows if (p := _of_mrk_row(source, *row))]
+        return PositionList(listed, found, by_number=True)
     separator = next((s for s in (";", "\t", ",") if s in header), "")
     if separator and not header.lstrip().startswith("+proj"):
         return _of_table(source, rows, separator, stated)
@@ -307,6 +332,36 @@ def read_positions(path: Path, problems: Problems, *, system: str | None = None)
     assert found is not None
     listed = ListedSystem(found, ORDER_OF_LINES, path.name)
     return PositionList(listed, [p for row in rows[1:] if (p := _of_geo_line(source, *row))])
+
+
+def _of_mrk_row(source: TextSource, line: int, text: str) -> ListedPosition | None:
+    """Return the position of a row of .MRK; None after a problem, or without a position."""
+    found = MRK_ROW.fullmatch(text.strip())
+    if found is None:
+        what = "a row has number, time, [week], …,N …,E …,V …,Lat …,Lon …,Ellh σ, σ, σ …,Q"
+        source.wrong(line, what)
+        return None
+    name, *texts, status = found.groups()
+    for word, what in zip(texts[:3], ("offset N", "offset E", "offset V"), strict=True):
+        source.field(line, word, what).number()
+    at = [
+        source.field(line, t, w).number()
+        for t, w in zip(texts[3:6], ("latitude", "longitude", "height"), strict=True)
+    ]
+    if int(status) == MRK_NO_POSITION:
+        source.leave_out(line, MRK_WITHOUT_POSITION, name)
+        return None
+    sigma = [
+        source.field(line, t, w).sigma()
+        for t, w in zip(texts[6:], ("σ north", "σ east", "σ elevation"), strict=True)
+    ]
+    if is_unread(*at, *sigma):
+        return None
+    xyz, where = (at[1], at[0], at[2]), source.place(line)
+    if int(status) != MRK_FIXED:
+        why = f"RTK status {status} is not {MRK_FIXED}, fixed: its σ are no accuracies"
+        return ListedPosition(name, xyz, None, where, why)
+    return ListedPosition(name, xyz, (sigma[1], sigma[0], sigma[2]), where)
 
 
 def _of_geo_line(source: TextSource, line: int, text: str) -> ListedPosition | None:
@@ -358,7 +413,13 @@ def _of_table(
     lacking = [n for n in ("photo", *plan) if n not in column]
     if lacking:
         known = "; ".join(f"{n}: {', '.join(COLUMN_NAMES[n])}" for n in lacking)
-        source.wrong(line, f"the header has no column for {', '.join(lacking)}; valid: {known}")
+        what = f"the header has no column for {', '.join(lacking)}; valid: {known}"
+        if any(NUMBER_IN_HEADER.fullmatch(t) for t in titles):
+            what += (
+                "; a table without a header, as Pix4D writes it, needs one, such as "
+                "image,latitude,longitude,altitude"
+            )
+        source.wrong(line, what)
     if not geographic and system is None:
         option = option_text("positions_system", "EPSG:…")
         what = f"the table states no reference system; valid: {option}"

@@ -7,8 +7,10 @@ a topocentric frame in the middle of what the lists have.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -177,6 +179,10 @@ def read_block_reference(
     return out
 
 
+NUMBER_OF_IMAGE = re.compile(r".*_(\d{4,})(?:_[A-Za-z]+)?")
+"""Name of an image of DJI without its suffix: …_0007, …_0007_V."""
+
+
 class _ImageNames:
     """Names of the images of a block, which are found by their files, too."""
 
@@ -192,6 +198,19 @@ class _ImageNames:
             return name
         found = self.by_file.get(Path(name).name, [])
         return found[0] if len(found) == 1 else None
+
+    def of_number(self, number: str) -> str | None:
+        """Return the image whose file has a number; None if there is none, or several."""
+        found = self._by_number.get(int(number), [])
+        return found[0] if len(found) == 1 else None
+
+    @cached_property
+    def _by_number(self) -> dict[int, list[str]]:
+        out: dict[int, list[str]] = {}
+        for name in self.names:
+            if found := NUMBER_OF_IMAGE.fullmatch(Path(name).stem):
+                out.setdefault(int(found[1]), []).append(name)
+        return out
 
 
 def _add_control(
@@ -250,11 +269,12 @@ def listed_priors(
     known, out = _ImageNames(images), dict[str, PositionPrior]()
     # A list of all photos of a flight has more than the model; a list whose photos have other
     # names than those of the model leaves images of it without a position.
-    listed_images = {known.find(position.photo) for position in listed.positions}
+    find = known.of_number if listed.by_number else known.find
+    listed_images = {find(position.photo) for position in listed.positions}
     complete = listed_images.issuperset(images)
     without_photo = POSITIONS_WITHOUT_PHOTO if complete else LOST_POSITIONS
     for position in listed.positions:
-        image, where = known.find(position.photo), position.where
+        image, where = find(position.photo), position.where
         found = position.sigma
         if found is None and sigma is not None:
             found = sigma[0], sigma[0], sigma[1]
@@ -266,7 +286,8 @@ def listed_priors(
             problems.wrong(f"second position of image {image!r}", where)
         elif found is None:
             option = option_text("sigma_positions", ("horizontal", "vertical"))
-            what = f"has no accuracy; valid: {option}, metres"
+            why = f" ({position.why_no_sigma})" if position.why_no_sigma else ""
+            what = f"has no accuracy{why}; valid: {option}, metres"
             problems.wrong(what, where)
         else:
             with problems.collect(where):

@@ -228,3 +228,81 @@ def test_a_position_far_from_the_frame_of_its_block_is_refused() -> None:
     assert np.hypot(x, y) == pytest.approx(75.2e3, abs=100.0)
     with pytest.raises(InputError, match=r"lies 150 km from .* 47\.6°, 8\.9° .* columns named"):
         of.place(PLACE, (8.9 + 2.0, 47.6, 400.0))
+
+
+def mrk(folder: Path, status: dict[int, int] | None = None) -> Path:
+    """Write the positions as DJI does: number, time, offsets, place, σ, status."""
+    rows = [
+        f"{i + 1}\t400373.48{i}\t[2264]\t{i - 40},N\t{i},E\t86,V\t{lat:.8f},Lat\t{lon:.8f},Lon\t"
+        f"{h:.3f},Ellh\t0.011, 0.012, 0.030\t{(status or {}).get(i, 50)},Q"
+        for i, (lon, lat, h) in enumerate(listed().tolist())
+    ]
+    path = folder / "flight_Timestamp.MRK"
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+def numbered(folder: Path, names: str = "DJI_20240501_{:04}_V.JPG") -> Path:
+    """Return a model whose photos have the names of DJI."""
+    path = nvm(folder)
+    text = path.read_text()
+    for i in range(6):
+        text = text.replace(f"{i}.jpg ", names.format(i + 1) + " ")
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize("names", ["DJI_20240501_{:04}_V.JPG", "flight/100_0005_{:04}.JPG"])
+def test_positions_of_mrk_belong_to_the_numbers_of_files(tmp_path: Path, names: str) -> None:
+    """σ are north, east, elevation in the file, and x, y, z (east first) in the network."""
+    network = fga.read(numbered(tmp_path, names), positions=mrk(tmp_path))
+    observed = list(network.observations.values())
+    assert [o.photo for o in observed] == [names.format(i + 1) for i in range(6)]
+    assert {o.sigma for o in observed} == {(0.012, 0.011, 0.03)}
+    latitude, longitude, height = network.frame.geodetic(np.array([o.value for o in observed]))
+    found = np.stack([np.rad2deg(longitude), np.rad2deg(latitude), height], 1)
+    assert found[:, :2] == pytest.approx(listed()[:, :2], abs=6e-9)
+    assert found[:, 2] == pytest.approx(listed()[:, 2], abs=6e-4)
+
+
+def test_positions_that_are_not_fixed_need_their_accuracy(tmp_path: Path) -> None:
+    """σ of a single-point solution of real files are 3 cm, and its errors metres."""
+    model, path = numbered(tmp_path), mrk(tmp_path, {2: 16, 4: 0})
+    with pytest.raises(InputError, match=r"MRK:3: has no accuracy \(RTK status 16 is not 50, fix"):
+        fga.read(model, positions=path)
+    network = fga.read(model, positions=path, sigma_positions=(2.0, 4.0))
+    sigma = {o.photo[-10:-6]: o.sigma for o in network.observations.values()}
+    assert sigma["0003"] == (2.0, 2.0, 4.0) and sigma["0001"] == (0.012, 0.011, 0.03)
+    assert "0005" not in sigma
+    assert any("RTK status is 0" in left.why for left in network.left_out)
+
+
+def test_two_images_of_one_number_have_no_position(tmp_path: Path) -> None:
+    """Two cameras, or two folders: their positions would be guessed."""
+    model = numbered(tmp_path)
+    model.write_text(model.read_text().replace("0002_V", "0001_T"))
+    network = fga.read(model, positions=mrk(tmp_path))
+    assert len(network.observations) == 4
+    assert any(left.doubtful and left.count == 2 for left in network.left_out)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (",Lat", ",La", r"MRK:1: a row has number, time, \[week\]"),
+        ("0.011", "x", r"MRK:1: σ north: 'x' is not a number"),
+        ("0.011", "0", r"MRK:1: σ north"),
+    ],
+)
+def test_rows_of_mrk_that_are_wrong(tmp_path: Path, old: str, new: str, message: str) -> None:
+    path = mrk(tmp_path)
+    path.write_text(path.read_text().replace(old, new, 1))
+    with pytest.raises(InputError, match=message):
+        fga.read(numbered(tmp_path), positions=path)
+
+
+def test_a_table_without_a_header_asks_for_one(tmp_path: Path) -> None:
+    path, rows = tmp_path / "pix4d.csv", listed().tolist()
+    path.write_text("".join(f"{i}.jpg,{b!r},{a!r},{h!r}\n" for i, (a, b, h) in enumerate(rows)))
+    with pytest.raises(InputError, match="needs one, such as image,latitude,longitude,altitude"):
+        read("nvm", tmp_path, positions=path)
