@@ -317,8 +317,8 @@ def read_positions(path: Path, problems: Problems, *, system: str | None = None)
     header = rows[0][1] if rows else ""
     if MRK_BEGINNING.match(header.strip()):
         listed = ListedSystem(ListSystem(), ORDER_OF_MRK, path.name)
-        found = [p for row in rows if (p := _of_mrk_row(source, *row))]
-        return PositionList(listed, found, by_number=True)
+        marked = [p for row in rows if (p := _of_mrk_row(source, *row))]
+        return PositionList(listed, marked, by_number=True)
     separator = next((s for s in (";", "\t", ",") if s in header), "")
     if separator and not header.lstrip().startswith("+proj"):
         return _of_table(source, rows, separator, stated)
