@@ -52,7 +52,7 @@ class Component:
     """Whether the column has a name without unit and values in the unit of the project."""
     whole: bool = False
     """Whether values are shown in the unit of observed values, not in that of standard deviations:
-    a coordinate, or a rotation of any size."""
+    a coordinate, or a rotation of any size. Angles of the whole circle always are."""
     circular: bool = False
     """Whether it is an angle of the whole circle, which results give in [0, 2π)."""
     largest_error: float = math.inf

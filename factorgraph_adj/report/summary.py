@@ -363,10 +363,31 @@ def _points(report: Report) -> ScreenList:
         for name in worst
     ]
     if not rows:
-        return [], [], []
+        return _poses(report)
     how = report.solution.variance.replace("-", " ")
     above = ["", f"Weakest points (σ: standard deviation of a coordinate, {how})"]
     return above, ["point", *(f"σ{axis} [{unit}]" for axis in "xyz")], rows
+
+
+def _poses(report: Report) -> ScreenList:
+    """Return the photos with the largest standard deviations, of a network without points."""
+    poses = {name: p for name, p in report.poses.items() if report.free("pose", name)}
+    worst = sorted(poses, key=lambda name: -float(np.linalg.norm(poses[name].sigma_position)))
+    small, angle = report.units.sigma_length, report.units.sigma_angle
+    rows = []
+    for name in worst[:MAX_ROWS]:
+        place = [short(s / report.small) if s else "held" for s in poses[name].sigma_position]
+        turn = max(poses[name].sigma_rotations)
+        rows.append([_shortened(name), *place, short(turn / report.radian) if turn else "held"])
+    if not rows:
+        return [], [], []
+    how = report.solution.variance.replace("-", " ")
+    above = [
+        "",
+        f"Weakest poses (σ: standard deviations of the place and of the weakest rotation, {how})",
+    ]
+    head = ["photo", *(f"σ{axis}0 [{small}]" for axis in "XYZ"), f"σ rotation [{angle}]"]
+    return above, head, rows
 
 
 def _colour_of_parts(solution: PartsSolution) -> LightColour:

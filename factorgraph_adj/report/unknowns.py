@@ -149,7 +149,7 @@ def unknown_components(report: Report) -> Iterator[UnknownComponent]:
                     float(e.sigmas[i]),
                     parameter.fixed[i],
                     _state(parameter, i),
-                    (whole if component.whole else shown)[component.quantity],
+                    (whole if component.whole or component.circular else shown)[component.quantity],
                     component.sign or component.name,
                     parameter.values[i],
                     component.power,

@@ -10,15 +10,20 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.cli.command_line import main
+from factorgraph_adj.io.numbers import Units
+from factorgraph_adj.observations import HeadingDifference
 from factorgraph_adj.report.adjustment_report import Report
 from factorgraph_adj.report.catalogue import Texts
 from factorgraph_adj.report.html.verdict import adjustment_verdict
 from factorgraph_adj.report.layout import _width as width
-from factorgraph_adj.report.options import Provenance
+from factorgraph_adj.report.options import Provenance, ReportOptions
 from factorgraph_adj.report.results_json import results_record
 from factorgraph_adj.report.summary import MAX_LINES, WORDS, render_summary, verdict_line
 from factorgraph_adj.report.text import global_test_text
+from factorgraph_adj.report.unknowns import unknown_components
+from factorgraph_adj.simulation.measurement import measure
 from factorgraph_adj.statistical_tests import global_test
+from tests.networks.odometry import odometry
 from tests.support.places import EXAMPLES
 
 N_POINTS = 6
@@ -305,3 +310,32 @@ def test_the_outcome_of_the_global_test_is_the_word_of_all_reports(scale, outcom
     assert global_test_text(test).startswith(words)
     assert test.accepted == (outcome == "accepted")
     assert test.too_good == (outcome == "too_small")
+
+
+def test_the_weakest_poses_of_a_network_without_points_are_on_the_screen() -> None:
+    solution = fga.adjust(measure(odometry(8), seed=3))
+    text = render_summary(Report(solution))
+    lines = text[text.index("Weakest poses") :].splitlines()
+    assert lines[1].split()[:7] == ["photo", "σX0", "[mm]", "σY0", "[mm]", "σZ0", "[mm]"]
+    assert lines[1].endswith("σ rotation [mgon]")
+    size = {f: np.linalg.norm(solution.pose(f).sigmas[3:]) for f in solution.network.photos}
+    worst = max(size, key=lambda f: size[f])
+    name, *figures = lines[2].split()
+    assert name == worst
+    expected = 1000.0 * solution.pose(worst).sigmas[3:]
+    assert np.array(figures[:3], float) == pytest.approx(expected, rel=0.05)
+
+
+def test_headings_are_in_the_unit_of_directions() -> None:
+    """An angle of the whole circle has the unit of observed angles, its σ too."""
+    network = fga.Network("drive")
+    for name, x in (("0", 0.0), ("1", 1.0)):
+        network.add_point(name, (0.0, x, 0.0), fixed="xyz")
+        network.set_unknown("heading", name, (0.0,), fixed=name == "0")
+    for turn in (0.49, 0.51):
+        network.add(HeadingDifference("0", "1", turn, sigma=0.01))
+    for unit, size in (("deg", 180.0 / np.pi), ("gon", 200.0 / np.pi)):
+        report = Report(fga.adjust(network), ReportOptions(units=Units(angle=unit)))
+        (found,) = (u for u in unknown_components(report) if (u.kind, u.name) == ("heading", "1"))
+        assert found.unit_name == unit
+        assert found.value / found.unit.size == pytest.approx(0.5 * size)
