@@ -1,4 +1,4 @@
-"""Command ``map``: a mapping of the columns of a table, guessed from its header, as TOML."""
+"""Command ``guess-columns``: guesses a mapping of the columns of a table, as TOML."""
 
 from __future__ import annotations
 
@@ -11,8 +11,14 @@ from ..io.survey.proposed_column_map import guessed_mapping
 from .messages import EXIT_BAD_INPUT, EXIT_FINE
 
 
-def add_map(parser: argparse.ArgumentParser) -> None:
+def add_guess_columns(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
+    parser.description = (
+        "Guess from the header and the cells of a table which column has what, and print the "
+        "mapping as TOML: save the output, correct it, pass it as --set mapping=FILE. The exit "
+        f"code is {EXIT_BAD_INPUT} where the table leaves something open, which standard error "
+        f"names, otherwise {EXIT_FINE}."
+    )
     parser.add_argument("table", help="text with separators, or a workbook of Excel (.xlsx)")
     parser.add_argument("--sheet", metavar="NAME", help="sheet of a workbook")
     parser.set_defaults(run=print_mapping)

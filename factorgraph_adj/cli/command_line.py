@@ -1,8 +1,8 @@
 """Command ``factorgraph-adj``: its table of commands, parsers that suggest words, exit codes.
 
-Commands are new, check, convert, join, map, fetch-example, formats, compare, adjust, plot, stream,
-plan, propose, completion. Each adds its arguments when it is called, and returns an exit code of
-`cli.messages`. Errors go to stderr as a list with one problem in each line.
+Commands are new, check, convert, join, guess-columns, fetch-example, formats, compare, adjust,
+plot, stream, plan, propose, completion. Each adds its arguments when it is called, and returns an
+exit code of `cli.messages`. Errors go to stderr as a list with one problem in each line.
 """
 
 from __future__ import annotations
@@ -46,7 +46,11 @@ COMMAND_MODULES = {
     "check": ("network_files", "add_check", "find every problem of the input"),
     "convert": ("network_files", "add_convert", "read a network in one format, write another"),
     "join": ("network_files", "add_join", "read several files of one object, write one network"),
-    "map": ("column_map", "add_map", "print a mapping of the columns of a table, to correct"),
+    "guess-columns": (
+        "column_map",
+        "add_guess_columns",
+        "print a mapping of the columns of a table, to correct",
+    ),
     "fetch-example": (
         "example_network",
         "add_fetch_example",

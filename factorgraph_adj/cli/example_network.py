@@ -10,7 +10,13 @@ from .messages import EXIT_FINE
 
 def add_fetch_example(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
-    parser.add_argument("name", metavar="NAME", nargs="?", help="the example; none: a list of all")
+    fetched = ", ".join(e.name for e in EXAMPLE_NETWORKS.values() if e.fetched)
+    parser.add_argument(
+        "name",
+        metavar="NAME",
+        nargs="?",
+        help=f"name of the example; without it, list all. Needs the network: {fetched}",
+    )
     parser.add_argument("folder", metavar="FOLDER", nargs="?", help="default: ./NAME")
     parser.set_defaults(run=_fetch)
 
@@ -18,7 +24,8 @@ def add_fetch_example(parser: argparse.ArgumentParser) -> None:
 def _fetch(options: argparse.Namespace) -> int:
     if options.name is None:
         for example in EXAMPLE_NETWORKS.values():
-            print(f"{example.name}: {example.description} ({example.licence})")
+            needs = "; needs the network" if example.fetched else ""
+            print(f"{example.name}: {example.description} ({example.licence}{needs})")
         return EXIT_FINE
     folder = fetch_example(options.name, options.folder)
     for path in sorted(folder.iterdir()):

@@ -52,6 +52,11 @@ MAX_PROBLEM_LINES = 200
 """Largest number of lines of problems."""
 ShowProgress: TypeAlias = Callable[[str], None]
 """Function that replaces the line of progress by a text."""
+ALL_HELP = (
+    "list problems one by one; by default those of one kind are summarised if there are more than "
+    f"{MAX_PROBLEMS_OF_KIND}, and at most {MAX_PROBLEM_LINES} lines are printed"
+)
+"""Help of ``--all``."""
 
 
 def kind_of_problem(problem: object) -> tuple[str, str]:

@@ -36,6 +36,7 @@ from .input import (
     stated_reference_system,
 )
 from .messages import (
+    ALL_HELP,
     EXIT_BAD_INPUT,
     EXIT_DOUBTFUL,
     EXIT_FINE,
@@ -48,9 +49,7 @@ from .messages import (
 def add_check(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
     add_project(parser)
-    parser.add_argument(
-        "--all", action="store_true", help="list problems that repeat one by one, without limit"
-    )
+    parser.add_argument("--all", action="store_true", help=ALL_HELP)
     parser.set_defaults(run=_check)
 
 
@@ -211,11 +210,11 @@ def add_join(parser: argparse.ArgumentParser) -> None:
 def add_points(parser: argparse.ArgumentParser) -> None:
     """Add the option of another project that gives the points."""
     parser.add_argument(
-        "--points",
+        "--points-from",
         metavar="PROJECT",
-        help="coordinates and datum (what is held, weighted, or carries a free datum) of the "
-        "points of the files, from another project, such as the adjusted one of the epoch before; "
-        "nothing else of it",
+        help="take coordinates and datum (held, weighted, or carrying a free datum) of points with "
+        "the same names from another project, such as the adjusted project of the previous epoch; "
+        "readings and other unknowns are not taken",
     )
 
 
@@ -322,7 +321,17 @@ class GivenPoints:
 
     def compared(self) -> Iterator[str]:
         """Yield which points are given, which of the project were not measured, which are new."""
-        yield f"{len(self.network.points)} points have the coordinates and datum of {self.name}"
+        points = self.network.points.values()
+        kinds = {
+            "held": sum(bool(p.held) for p in points),
+            "weighted": sum(p.sigma is not None for p in points),
+            "datum points": sum(p.datum for p in points) if self.network.datum == "free" else 0,
+        }
+        of_datum = ", ".join(f"{n} {kind}" for kind, n in kinds.items() if n)
+        yield (
+            f"{len(points)} points have the coordinates of {self.name}; "
+            f"its datum: {of_datum or 'none of these'}"
+        )
         if self.absent:
             yield f"not in these files, and left out: {known(self.absent)}"
         if self.new:
@@ -330,14 +339,14 @@ class GivenPoints:
 
 
 def given_points(projects: Sequence[Project], options: argparse.Namespace) -> GivenPoints | None:
-    """Return the points of the project that --points names; None: it names none.
+    """Return the points of the project that --points-from names; None: it names none.
 
     Raises:
         InputError: the project has problems, or none of the points of the files.
     """
-    if options.points is None:
+    if options.points_from is None:
         return None
-    other = READERS.load(options.points, readings=False, allow_outside=options.allow_outside)
+    other = READERS.load(options.points_from, readings=False, allow_outside=options.allow_outside)
     source = other.network
     measured = dict.fromkeys(n for p in projects for n in p.network.points)
     both = {name: point for name, point in source.points.items() if name in measured}
@@ -346,14 +355,17 @@ def given_points(projects: Sequence[Project], options: argparse.Namespace) -> Gi
             f"has none of the points of the files; it has {known(source.points)}, "
             f"they have {known(measured)}"
         )
-        raise InputError(Problem(what, f"--points {options.points}"))
+        raise InputError(Problem(what, f"--points-from {options.points_from}"))
     network = Network(
-        source.name or str(options.points), frame=source.frame, datum=source.datum, crs=source.crs
+        source.name or str(options.points_from),
+        frame=source.frame,
+        datum=source.datum,
+        crs=source.crs,
     )
     network.points = both
     network.point_number = {name: i for i, name in enumerate(both)}
     return GivenPoints(
-        str(options.points),
+        str(options.points_from),
         network,
         tuple(n for n in source.points if n not in both),
         tuple(n for n in measured if n not in both),

@@ -23,8 +23,8 @@ from ..io.project import Project
 from ..io.project_writer import write_project
 from ..io.readers import READERS
 from ..network.network import Network
-from .input import PROJECT_HELP, add_reading
-from .messages import print_warnings
+from .input import add_reading
+from .messages import ALL_HELP, print_warnings
 from .network_files import (
     GivenPoints,
     add_points,
@@ -93,15 +93,25 @@ def add_new(parser: argparse.ArgumentParser) -> None:
         "and check it. In a terminal, the command asks for what the files do not state: points "
         "that are held, standard deviations; Enter takes the value in brackets."
     )
-    parser.add_argument("folder", metavar="FOLDER", help="folder of the project; it is created")
-    parser.add_argument("files", metavar="FILE", nargs="+", help=PROJECT_HELP)
+    parser.add_argument(
+        "folder",
+        metavar="FOLDER",
+        help="folder of the project; it is created, and must not contain project.toml",
+    )
+    parser.add_argument(
+        "files",
+        metavar="FILE",
+        nargs="+",
+        help="files of a survey (field books, GNSS, photos); `factorgraph-adj formats` lists the "
+        "formats",
+    )
     add_reading(parser)
     add_sets(parser)
     add_points(parser)
     parser.add_argument(
-        "--yes", action="store_true", help="ask nothing: take the usual values, and say which"
+        "--yes", action="store_true", help="ask nothing: take the defaults, and print them"
     )
-    parser.add_argument("--all", action="store_true", help="list problems one by one")
+    parser.add_argument("--all", action="store_true", help=ALL_HELP)
     parser.set_defaults(run=_new)
 
 
@@ -149,7 +159,7 @@ def _answers(options: argparse.Namespace, readers: Sequence[Reader], assumed: As
     for name, usual, words in assumed:
         if answer := input(f"{words} [{usual}]: ").strip():
             out.append(f"{name}={answer}")
-    told = "fixed" in stated or options.points is not None
+    told = "fixed" in stated or options.points_from is not None
     if not told and any("fixed" in reader.options for reader in readers):
         names = input("points held at the coordinates of the files, such as A,B [none]: ").strip()
         if names:
@@ -169,8 +179,8 @@ def _heading(
         for file, reader in zip(options.files, readers, strict=True)
     )
     yield f"Project of factorgraph-adj, made from {sources}."
-    if options.points is not None:
-        yield f"Coordinates and datum of points are those of {options.points}."
+    if options.points_from is not None:
+        yield f"Coordinates and datum of points are those of {options.points_from}."
     if options.reading:
         yield f"Options of reading: {', '.join(options.reading)}."
     if assumed:
@@ -214,7 +224,7 @@ def _print_made(main: Path, project: Project, assumed: Assumed, given: GivenPoin
     if network.datum == "free":
         print(
             f"  {FREE_DATUM}; --set fixed=A,B holds points at the coordinates of the files, "
-            "--points PROJECT has coordinates and datum of another epoch"
+            "--points-from PROJECT takes coordinates and datum of another epoch"
         )
     for words, names in _held_points(network):
         print(f"  {words}: {known(names, most=MAX_NAMES)}")

@@ -196,8 +196,8 @@ def add_leave_out(parser: argparse._ActionsContainer) -> None:
     parser.add_argument(
         "--leave-out-undetermined",
         action="store_true",
-        help="leave out what the observations do not determine, with all that hangs on it, and "
-        "name it",
+        help="leave out points, photos, sets and frames that the observations do not determine, "
+        "with their observations, and list them; without it they stop the adjustment",
     )
 
 

@@ -25,8 +25,8 @@ TABLE_LINES = 20
 """Number of lines by which a table is recognised."""
 TABLE_SEPARATORS = {";": "semicolons", "\t": "tabs", ",": "commas", "|": "bars"}
 MAPPING_ADVICE = (
-    "if it has points or readings, `factorgraph-adj map FILE > mapping.toml` proposes a mapping of "
-    "its columns to be corrected; read it by --from columns --set mapping=mapping.toml"
+    "if it has points or readings, `factorgraph-adj guess-columns FILE > mapping.toml` proposes a "
+    "mapping of its columns to be corrected; read it by --from columns --set mapping=mapping.toml"
 )
 FORMATS_ADVICE = "`factorgraph-adj formats` lists what is read; --from and format= name one"
 FIRST_ELEMENT = re.compile(
@@ -69,7 +69,7 @@ BINARY_BOOK = "export the job as JobXML, LandXML or text and read that"
 A_RESULT = "it is a result; give the input of the program, which has the observations"
 A_PROGRAM = (
     "save its observations and points as tables, and read them with a mapping of their columns, "
-    "which `factorgraph-adj map FILE` proposes"
+    "which `factorgraph-adj guess-columns FILE` proposes"
 )
 SIGNATURES: tuple[Signature, ...] = (
     Signature("a photo in JPEG", A_PHOTO, r"\A\xff\xd8\xff"),

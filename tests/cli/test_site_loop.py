@@ -85,9 +85,9 @@ def test_each_command_takes_the_output_of_the_one_before(site, capsys):
     assert main(shlex.split(planning)[1:]) == 0
     assert "redundancy" in capsys.readouterr().out
 
-    assert main(["new", "autumn", "autumn.gsi", "--points", "next", *SET, "--yes"]) == 0
+    assert main(["new", "autumn", "autumn.gsi", "--points-from", "next", *SET, "--yes"]) == 0
     said = capsys.readouterr().out
-    assert "8 points have the coordinates and datum of next" in said
+    assert "8 points have the coordinates of next; its datum: 4 held" in said
     assert "not in these files, and left out: D3" in said
     assert "not in next: D4" in said
     assert "held: A, B, C, E" in said
@@ -133,16 +133,16 @@ def test_a_design_without_readings_is_not_sent_to_adjust(site, capsys):
 
 def test_join_takes_the_points_of_another_project_too(site, capsys):
     assert main(["adjust", "site", "--export", "next/project.toml", "--quiet"]) == 0
-    command = ["join", "autumn.gsi", "joined/project.toml", "--points", "next", *SET]
+    command = ["join", "autumn.gsi", "joined/project.toml", "--points-from", "next", *SET]
     assert main(command) == 0
-    assert "8 points have the coordinates and datum of next" in capsys.readouterr().out
+    assert "8 points have the coordinates of next; its datum: 4 held" in capsys.readouterr().out
     joined = fga.read("joined")
     assert {n for n, p in joined.points.items() if p.held} == set(KNOWN)
     assert joined.datum == "given"
 
 
 def test_points_that_cannot_be_taken_are_refused(site, capsys):
-    new = ["new", "autumn", "autumn.gsi", "--yes", "--points"]
+    new = ["new", "autumn", "autumn.gsi", "--yes", "--points-from"]
     assert main([*new, "none"]) == 2
     assert "none: no such file or folder" in capsys.readouterr().err
     other = fga.Network("other")
@@ -153,14 +153,24 @@ def test_points_that_cannot_be_taken_are_refused(site, capsys):
     # Both hold A, at different places.
     other.add_point("A", (0, 0, 101), fixed="xyz")
     fga.write_project(other, "held/project.toml")
-    again = ["new", "again", "spring.gsi", "--set", "fixed=A", *SET, "--points", "held", "--yes"]
+    again = [
+        "new",
+        "again",
+        "spring.gsi",
+        "--set",
+        "fixed=A",
+        *SET,
+        "--points-from",
+        "held",
+        "--yes",
+    ]
     assert main(again) == 2
     assert "z is 101 m, held in 'other' and 100 m, held in 'spring'" in capsys.readouterr().err
     assert not (site / "autumn").exists()
     assert not (site / "again").exists()
 
 
-def test_free_datum_points_are_carried_over(site):
+def test_free_datum_points_are_carried_over(site, capsys):
     text = (site / "site" / "project.toml").read_text(encoding="utf-8")
     assert tomllib.loads(text)["datum"] == "given"
     first = fga.read("spring.gsi", **{**SIGMAS, "refraction": None})
@@ -169,7 +179,8 @@ def test_free_datum_points_are_carried_over(site):
         free.add_point(name, place, datum=name in "ABC")
     fga.write_project(free, "free/project.toml")
     assert first.datum == "free"
-    assert main(["new", "autumn", "autumn.gsi", "--points", "free", *SET, "--yes"]) == 0
+    assert main(["new", "autumn", "autumn.gsi", "--points-from", "free", *SET, "--yes"]) == 0
+    assert "of free; its datum: 3 datum points" in capsys.readouterr().out
     made = fga.read("autumn")
     assert made.datum == "free"
     assert [n for n, p in made.points.items() if p.datum] == ["A", "B", "C"]

@@ -65,8 +65,18 @@ def test_a_file_under_another_suffix_is_read_and_the_network_says_so(tmp_path):
         ("a.24o", b" " * 60 + b"RINEX VERSION / TYPE\n", "RINEX", "SINEX, GVX or DynaML"),
         ("a.csv", b"<!DOCTYPE html>\n<html>", "a page of HTML", "printed from"),
         ("a.T02", b"\x01\x02", "a raw log of Trimble GNSS", "SINEX, GVX or DynaML"),
-        ("a.obs", b"MOVE3 V4.2.1 OBS file\r\n$\r\nNet\r\n$\r\nANGLEUNIT GON\r\n", "MOVE3", "map"),
-        ("a.txt", b"! levels\n_DATUM; NAD 83; 6378137; 298.25\n_UNITS; U; D\n", "Columbus", "map"),
+        (
+            "a.obs",
+            b"MOVE3 V4.2.1 OBS file\r\n$\r\nNet\r\n$\r\nANGLEUNIT GON\r\n",
+            "MOVE3",
+            "guess-columns",
+        ),
+        (
+            "a.txt",
+            b"! levels\n_DATUM; NAD 83; 6378137; 298.25\n_UNITS; U; D\n",
+            "Columbus",
+            "guess-columns",
+        ),
         ("a.dc", b"00NMSC V10-70       102105-Jan-26 12:20 111111\r\n", "(DC)", "JobXML"),
         ("a.sdr", b"00NMSC V7-50\r\n10NMJOB\r\n", "Trimble Survey Controller", "or M5"),
         (

@@ -99,8 +99,8 @@ class GuessedMapping:
         if self.open_keys:
             what += f" where it says {OPEN!r} ({', '.join(self.open_keys)})"
         whole = "" if self.open_keys else "; or, where all of it is right, --set mapping=guess"
-        said = f"{what}: factorgraph-adj map {self.path.name} > {name}, then --set mapping={name}"
-        return f"{said}{whole}\n\n{self.toml()}"
+        command = f"factorgraph-adj guess-columns {self.path.name} > {name}"
+        return f"{what}: {command}, then --set mapping={name}{whole}\n\n{self.toml()}"
 
     def checked(self) -> dict[str, Any]:
         """Return the mapping as a dictionary.

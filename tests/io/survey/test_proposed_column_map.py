@@ -77,7 +77,9 @@ def test_without_a_mapping_the_error_proposes_one_and_nothing_is_read(tmp_path):
         fga.read(path)
     (problem,) = refused.value.problems
     what, _, toml = problem.what.partition("\n\n")
-    assert "factorgraph-adj map levels.csv > levels.toml" in what and "mapping=guess" in what
+    assert (
+        "factorgraph-adj guess-columns levels.csv > levels.toml" in what and "mapping=guess" in what
+    )
     (tmp_path / "levels.toml").write_text(toml, encoding="utf-8")
     assert tomllib.loads(toml)["units"] == {"length": "m", "line": "km"}
     network = fga.read(path, mapping=tmp_path / "levels.toml")
@@ -162,12 +164,12 @@ def test_the_command_prints_a_mapping_that_the_next_one_reads(tmp_path, capsys, 
     monkeypatch.chdir(tmp_path)
     lines = "from,to,dh,length\nA,B,1.5,100\nB,C,1.0,100\nC,A,-2.5,100\n"
     (tmp_path / "p.csv").write_text(lines, encoding="ascii")
-    assert main(["map", "p.csv"]) == 0
+    assert main(["guess-columns", "p.csv"]) == 0
     (tmp_path / "p.toml").write_text(capsys.readouterr().out, encoding="utf-8")
     assert main(["adjust", "p.csv", "--set", "mapping=p.toml"]) == 0
     assert "3 observations" in capsys.readouterr().out
     (tmp_path / "p.csv").write_text("target,hz\nA,10\n", encoding="ascii")
-    assert main(["map", "p.csv"]) == 2
+    assert main(["guess-columns", "p.csv"]) == 2
     printed = capsys.readouterr()
     assert 'angle = "?"' in printed.out and "to be completed: angle, station" in printed.err
 
