@@ -13,9 +13,10 @@ from .registry import ObservationKind
 
 @dataclass(frozen=True)
 class BodyVector(VectorObservation):
-    """Point in the axes of a photo, metres: R' (X − X₀), as a sensor on the body sees a landmark.
+    """Vector from the projection centre, or the origin of a body, to a point, R' (X − X₀); metres.
 
-    The axes are photogrammetric: x right, y up, z backwards.
+    It is in photogrammetric axes: x right, y up, z backwards. Use it for a landmark seen by a lidar
+    or stereo sensor, or in a pose graph. For a robot, its axes are taken as x, y, z.
     """
 
     kind: ClassVar[str] = "body_vector"
@@ -33,9 +34,10 @@ class BodyVector(VectorObservation):
 
 @dataclass(frozen=True)
 class PlanarVector(VectorObservation):
-    """Horizontal vector to a point in the axes of a vehicle at a station: ahead, to the left.
+    """Horizontal vector to a point in the axes of a vehicle at a station: ahead, left; metres.
 
-    The vehicle stands level; the azimuth of its forward axis is the heading of the station.
+    Left is positive. The vehicle stands level; the azimuth of its forward axis, clockwise from
+    north, is the heading of the station: state it first, ``set_unknown("heading", station)``.
     """
 
     kind: ClassVar[str] = "planar_vector"
@@ -53,7 +55,11 @@ class PlanarVector(VectorObservation):
 
 @dataclass(frozen=True)
 class HeadingDifference(Observation):
-    """Turn of a vehicle between two stations, radians, clockwise: heading − heading before."""
+    """Turn of a vehicle between two stations: heading(target) − heading(station); radians.
+
+    Clockwise is positive, the opposite sign to the angle θ of robotics. The headings are stated
+    first, ``set_unknown("heading", station)``.
+    """
 
     kind: ClassVar[str] = "heading_difference"
     station: str

@@ -44,9 +44,11 @@ _SHORTEST = 1e-9
 
 @dataclass(frozen=True)
 class EllipsoidDistance(Observation):
-    """Distance of the feet of two points on the ellipsoid, or on a surface at sea level, metres.
+    """Distance between the footpoints of two points on the ellipsoid, or on a surface above it.
 
-    (1 + m) s + zero of the distance meter, with the arc or chord s.
+    The surface is at the given height above the ellipsoid at each end (geoid). Metres. Computed as
+    (1 + m) s + z; s is the arc (``line="arc"``) or the chord, m and z the scale and zero constant
+    of the distance meter.
     """
 
     kind: ClassVar[str] = "ellipsoid_distance"
@@ -83,10 +85,11 @@ class EllipsoidDistance(Observation):
 
 @dataclass(frozen=True)
 class MeanHeightDistance(Sight):
-    """Chord of two points at the mean height of instrument and target, metres.
+    """Chord between the two verticals at the mean ellipsoidal height of instrument and target.
 
-    (1 + m) c + zero of the distance meter. A `HorizontalDistance` lies in the horizon of its
-    station, at the height of the target: for a rise of Δh it is longer by Δh c/2R.
+    Metres. Computed as (1 + m) c + z; c is the chord, m and z the scale and zero constant of the
+    distance meter. For a rise Δh a `HorizontalDistance`, which is at the height of the target, is
+    Δh·c/(2R) longer.
     """
 
     kind: ClassVar[str] = "mean_height_distance"

@@ -67,7 +67,8 @@ class PrecisionMap(Shown):
     photos: Index
     """Number of photos that see each point, (n,); of interpolated points that at the next node."""
     nodes: int | None = None
-    """Number of points that were computed, the others are interpolated; None: all are computed."""
+    """Number of points for which the covariance is computed, the others are interpolated; None: it
+    is computed for all points."""
     error: InterpolationError | None = None
     """Error of interpolated standard deviations; None: nothing is interpolated."""
 
@@ -124,8 +125,9 @@ def precision_map(
     A dense point is taken as intersected from all photos that see it: in front of the photo, its
     image within the format (without a format: within the reach of the camera's image points). The
     covariance of all poses and calibrations is carried over to it, with all correlations. In a free
-    network it belongs to the inner constraints, as that of tie points does. Errors of dense points
-    at the same place are correlated through the block; the map has the covariance of each alone.
+    network, covariances refer to the datum of inner constraints. Errors of neighbouring points are
+    correlated; the map gives one 3×3 covariance (m²) for each point and no correlations between
+    points.
 
     Args:
         solution: the adjusted block.
@@ -134,15 +136,15 @@ def precision_map(
         sigma: standard deviation of an image coordinate of a dense point, image units; None: the
             median of the image points of each camera. It is scaled by σ̂0 as covariances are.
         matching_factor: factor on these standard deviations, for the precision of dense matching.
-        visible: which photos see which points, (n, photos of the network), where it is known from a
-            surface; None: nothing hides a point.
+        visible: which photos see which points, (n, m), where it is known from a surface; columns in
+            the order of ``network.photos``. None: nothing hides a point.
         normals: outward normals of the surface, (n, 3), of any length.
         largest_angle: largest angle between the normal and the ray, radians.
-        nodes: number of points that are computed; at the others the covariances are interpolated
-            between the nearest nodes. None: all points are computed.
+        nodes: number of points for which the covariance is computed; the others are interpolated
+            between the nearest of these. None: it is computed for all points.
 
     Raises:
-        InputError: the points are no (n, 3) finite numbers, another argument does not fit them or
+        InputError: points is not an (n, 3) array of finite numbers, another argument does not fit them or
             is out of range, a camera has neither a format nor image points, or photos have a
             motion during their readout.
         AdjustmentError: there are no covariances.
@@ -199,10 +201,12 @@ def _places(what: str, values: Array, n: int | None = None) -> Array:
     try:
         out = np.array(values, dtype=float)
     except (TypeError, ValueError):
-        raise InputError(f"{what} must be numbers (n, 3)") from None
+        raise InputError(f"{what} is not an (n, 3) array of finite numbers") from None
     if out.ndim != 2 or out.shape[1] != 3 or (n is not None and len(out) != n):
         size = "n" if n is None else n
-        raise InputError(f"{what} must have the shape ({size}, 3), not {out.shape}")
+        raise InputError(
+            f"{what} is not an ({size}, 3) array of finite numbers: its shape is {out.shape}"
+        )
     if not np.isfinite(out).all():
         bad = np.flatnonzero(~np.isfinite(out).all(axis=1))
         raise InputError(f"{what}: {len(bad)} rows are not finite, the first is row {bad[0]}")

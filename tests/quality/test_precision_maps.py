@@ -238,9 +238,13 @@ def test_groups_of_neighbours_have_every_point_once():
 @pytest.mark.parametrize(
     ("points", "options", "said"),
     [
-        (np.zeros((2, 2)), {}, r"points must have the shape \(n, 3\), not \(2, 2\)"),
+        (
+            np.zeros((2, 2)),
+            {},
+            r"points is not an \(n, 3\) array of finite numbers: its shape is \(2, 2\)",
+        ),
         ([[0.0, 0.0, np.nan]], {}, "points: 1 rows are not finite, the first is row 0"),
-        ([["a", "b", "c"]], {}, "points must be numbers"),
+        ([["a", "b", "c"]], {}, r"points is not an \(n, 3\) array of finite numbers"),
         (None, {"sigma": 1.0, "nodes": 9}, "sigma, nodes: only for further points"),
         (None, {"matching_factor": 2.0}, "matching_factor: only for further points"),
         ([[0.0] * 3], {"sigma": 0.0}, "sigma must be greater than zero, not 0.0"),
