@@ -197,14 +197,28 @@ def positional_accuracy(
     survey: float | tuple[float, float] = 0.0,
     names: Sequence[str] | None = None,
 ) -> PositionalAccuracy:
-    """Return the accuracy at check points by ASPRS edition 2 and NSSDA, see the module.
+    """Return the accuracy at check points by ASPRS edition 2 and NSSDA.
+
+    With differences d = product − check point of n check points::
+
+        RMSE_x = √(Σ d_x² / n)                      no mean removed; RMSE_y, RMSE_z likewise
+        RMSE_H = √(RMSE_x² + RMSE_y² + RMSE_H2²)    ASPRS
+        RMSE_V = √(RMSE_z² + RMSE_V2²)              ASPRS
+        RMSE_3D = √(RMSE_H² + RMSE_V²)              ASPRS
+        Accuracy_r = 2.4477 (RMSE_x + RMSE_y) / 2   NSSDA, 95 %, without the survey error
+        Accuracy_z = 1.9600 RMSE_z                  NSSDA, 95 %, without the survey error
+
+    where RMSE_H2 and RMSE_V2 are the survey error of the check points. If the smaller one of RMSE_x
+    and RMSE_y is less than 0.6 of the larger one, Accuracy_r is the radius that has 95 % of two
+    normal errors without correlation.
 
     Args:
         found: an adjustment whose points have ``check`` coordinates, its check points, of which
             both are compared along east, north and up at each point; or differences product −
             check point, (n, 3) metres, NaN where one is not known.
         survey: σ of the survey of the check points, metres: horizontal RMSE_H2 and vertical
-            RMSE_V2; one number counts for each of the three axes, RMSE_H2 is then √2 of it.
+            RMSE_V2; one number counts for each of the three axes, RMSE_H2 is then √2 of it. 0
+            means that it is not stated.
         names: names of the check points, where ``found`` has none.
 
     Raises:

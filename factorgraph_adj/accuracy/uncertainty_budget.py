@@ -139,13 +139,15 @@ class UncertaintyBudget(Shown):
     quantity: str
     """What it is."""
     value: float
-    """Its estimate, SI."""
+    """Its estimate, SI; NaN of a position."""
     uncertainty: float
     """Combined standard uncertainty u(y), in the unit of the value."""
     freedom: float
     """Effective degrees of freedom ν_eff."""
     shares: tuple[Share, ...]
     """Shares of inputs or groups."""
+    unit: str = ""
+    """Unit of value and u; empty: that of the function."""
 
     def coverage_factor(self, probability: float = 0.95) -> float:
         """Return k of a probability, of Student's distribution with ν_eff cut."""
@@ -160,8 +162,10 @@ class UncertaintyBudget(Shown):
 
     def headline(self) -> str:
         """Return value, u and ν_eff."""
+        value = "" if math.isnan(self.value) else f" {self.value:.9g}"
+        unit = f" {self.unit}" if self.unit else ""
         return (
-            f"UncertaintyBudget: {self.quantity} {self.value:.9g}, u {self.uncertainty:.4g}, "
+            f"UncertaintyBudget: {self.quantity}{value}{unit}, u {self.uncertainty:.4g}{unit}, "
             f"{self.freedom:.4g} degrees of freedom"
         )
 
@@ -270,29 +274,36 @@ def _effective_freedom(
 def solution_budget(
     solution: Solution,
     quantity: str | tuple[Place, Place],
-    component: Literal["x", "y", "z", "distance"] = "distance",
+    component: Literal["x", "y", "z", "position", "distance"] | None = None,
     *,
     groups: GroupChoice = "kind",
 ) -> UncertaintyBudget:
     """Return the shares of groups of observations in the uncertainty of an adjusted quantity.
 
+    The uncertainty u is in metres and a priori, that of the stated σ with σ0 = 1, whatever the
+    variance of the adjustment; ``solution.sigma0`` times it is a posteriori. The percentages are
+    the same.
+
     Args:
         solution: an adjustment.
-        quantity: name of a point, of which a coordinate is judged, or two places.
-        component: coordinate x, y or z of the point, or ``distance`` of two places.
+        quantity: name of a point, or two places.
+        component: of a point, its coordinate x, y or z, or its ``position``, u² = σx² + σy² + σz²;
+            of two places, their ``distance``. None: position of a point, distance of two places.
         groups: a rule for groups, see `factorgraph_adj.estimate_variance_components`; given values
             of weighted unknowns and weighted coordinates are groups of type B.
 
     Raises:
         InputError: an unknown name, a component that does not fit, or an unknown rule.
     """
+    if component is None:
+        component = "position" if isinstance(quantity, str) else "distance"
     gradient, value, name = _gradient(solution, quantity, component)
-    system = solution.normal().system
-    a = system.times(solution.cofactor_times(gradient[:, None]))[:, 0]
-    variance = float(gradient @ solution.cofactor_times(gradient[:, None])[:, 0])
+    cofactors = solution.cofactor_times(gradient)
+    a = solution.normal().system.times(cofactors)
+    variance = float(np.sum(gradient * cofactors))
     found = observation_groups(solution, groups)
     n = solution.equations.n_rows
-    squares = found.sums(a[:n] ** 2)
+    squares = found.sums(np.sum(a[:n] ** 2, axis=1))
     given = _given_rows(solution)
     parts: list[tuple[str, Evaluation, float]] = [
         (name_, "B" if given[found.of_row == k].all() else "A", float(squares[k]))
@@ -306,7 +317,7 @@ def solution_budget(
         for n_, e, s in parts
     ]
     shares.sort(key=lambda share: -share.contribution)
-    return UncertaintyBudget(name, value, math.sqrt(variance), math.inf, tuple(shares))
+    return UncertaintyBudget(name, value, math.sqrt(variance), math.inf, tuple(shares), "m")
 
 
 def _given_rows(solution: Solution) -> Array:
@@ -320,24 +331,29 @@ def _given_rows(solution: Solution) -> Array:
 def _gradient(
     solution: Solution, quantity: str | tuple[Place, Place], component: str
 ) -> tuple[Array, float, str]:
-    """Return the gradient (n_columns,) of a quantity, its value and its name."""
-    out = np.zeros(solution.equations.unknowns.n_columns)
-    if component in ("x", "y", "z") and isinstance(quantity, str):
-        axis = "xyz".index(component)
-        _add_gradient(solution, out, quantity, np.eye(3)[axis])
-        value = float(place_position(solution, quantity)[axis])
-        return out, value, f"{component} of point {quantity!r}"
+    """Return the gradient of a quantity, (n_columns, k) for k parts, its value and its name."""
+    size = solution.equations.unknowns.n_columns
+    if component in ("x", "y", "z", "position") and isinstance(quantity, str):
+        axes = range(3) if component == "position" else ["xyz".index(component)]
+        parts = np.zeros((len(axes), size))
+        for part, axis in zip(parts, axes, strict=True):
+            _add_gradient(solution, part, quantity, np.eye(3)[axis])
+        at = place_position(solution, quantity)
+        value = math.nan if component == "position" else float(at[axes[0]])
+        return parts.T, value, f"{component} of point {quantity!r}"
     if component == "distance" and isinstance(quantity, tuple) and len(quantity) == 2:
         a, b = quantity
+        out = np.zeros(size)
         d = place_position(solution, b) - place_position(solution, a)
         length = float(np.linalg.norm(d))
         if length == 0.0:
             raise InputError(f"{a!r} and {b!r} coincide: their distance has no gradient")
         _add_gradient(solution, out, b, d / length)
         _add_gradient(solution, out, a, -d / length)
-        return out, length, f"distance of {a!r} and {b!r}"
+        return out[:, None], length, f"distance of {a!r} and {b!r}"
     raise InputError(
-        f"component {component!r} of {quantity!r}: a point has x, y, z; two places have distance"
+        f"component {component!r} of {quantity!r}: a point has x, y, z, position; two places have "
+        "distance"
     )
 
 

@@ -203,10 +203,13 @@ class Network(StatedUnknowns, Shown):
             format: width and height of the sensor, image units, for plots and their coverage.
             origin: place of the origin of image coordinates on the sensor, for the same.
             y_down_in_files: whether y and y0 point down in files and reports; here y is up.
-            readout: readout time of the whole sensor by a rolling shutter, seconds; it needs the
-                format. Photos then have a motion during it, see `set_unknown`, of kind
-                ``photo_motion``; those without one stand still.
-            readout_towards: side of the image to which the readout proceeds.
+            readout: readout time of a rolling shutter, seconds: time from the first to the last row
+                (with ``right`` and ``left``, rows are columns); it needs the format. Photos then
+                may have a motion, `set_unknown` of kind ``photo_motion``: velocity of the
+                projection centre (x_t …, m/s, axes of the network) and angular velocity (rx_t …,
+                rad/s, camera axes x right, y down, z forward), at the middle row. Photos without
+                a motion are treated as exposed at one moment.
+            readout_towards: side of the image to which the readout proceeds: down, up, right, left.
         """
         refuse_duplicate(name, self.cameras, "camera")
         options = (sigma, unit, per_photo, format, origin, y_down_in_files)
@@ -408,8 +411,9 @@ class Network(StatedUnknowns, Shown):
             if name is not None:
                 stated = self.parameters.get(kind, {})
                 file = unknown.table.file if unknown.table else ""
-                how = "set_unknown" if of_a_photo else "functions of Network"
-                hint = f"; rows of {file}.csv state them, or {how}" if file else ""
+                own = [f"{verb}_{file.removesuffix('s')}" for verb in ("set", "add")]
+                how = next((f for f in own if hasattr(self, f)), "set_unknown")
+                hint = f"; rows of {file}.csv state them, or {how} of Network" if file else ""
                 required(name, stated, unknown.noun, where, hint)
                 refers = record.in_frame != "nothing"
                 if refers and stated[name].origin and stated[name].origin in o.points():

@@ -51,6 +51,9 @@ class StatedUnknowns(StatedShapes, PhotoMotions):
 
         Args:
             kind: name of the kind, see `factorgraph_adj.models.unknown_registry.UNKNOWNS`.
+                ``photo_motion``: velocity of the projection centre (x_t …, m/s, axes of the
+                network) and angular velocity (rx_t …, rad/s, camera axes x right, y down, z
+                forward), at the middle row.
             key: name of the unknown, or several names such as station and set.
             values: values of the components, SI; None: the start values of the kind.
             fixed: whether all components are held, or the names of the held components.
@@ -290,6 +293,9 @@ class StatedUnknowns(StatedShapes, PhotoMotions):
         self, name: str, *, error: float = 0.0, sigma: float | None = None, fixed: bool = False
     ) -> None:
         """State the time error of a shutter, seconds: recorded minus true time of exposure.
+
+        This is not the rolling shutter, see ``readout`` of `add_camera` and ``photo_motion`` of
+        `set_unknown`.
 
         It is free unless held or weighted. With the velocity Ẋ of the antenna, the position that
         belongs to the recorded time is ahead by Ẋ times the error: one of 10 ms is 0.6 m at 60 m/s.

@@ -144,9 +144,9 @@ def precision_map(
             between the nearest of these. None: it is computed for all points.
 
     Raises:
-        InputError: points is not an (n, 3) array of finite numbers, another argument does not fit them or
-            is out of range, a camera has neither a format nor image points, or photos have a
-            motion during their readout.
+        InputError: points is not an (n, 3) array of finite numbers, another argument does not fit
+            it or is out of range, a camera has neither a format nor image points, or photos have
+            a motion during their readout.
         AdjustmentError: there are no covariances.
     """
     if points is None:

@@ -120,6 +120,29 @@ def test_shares_of_an_adjustment_are_those_of_a_dense_one():
     given = [s for s in budget.shares if s.evaluation == "B"]
     assert sum(s.contribution**2 for s in given) == pytest.approx(expected["constant"], rel=1e-3)
     assert sum(s.percent for s in budget.shares) == pytest.approx(100.0)
+    # The budget of the position is the sum of those of the coordinates, in squares.
+    whole = fga.solution_budget(solution, "P")
+    assert whole.quantity == "position of point 'P'"
+    sigmas = solution.standard_deviations("P")
+    assert whole.uncertainty == pytest.approx(float(np.linalg.norm(sigmas)), rel=1e-9)
+    axes = [fga.solution_budget(solution, "P", axis) for axis in ("x", "y", "z")]
+    for share in whole.shares:
+        parts = [s.contribution for b in axes for s in b.shares if s.name == share.name]
+        assert share.contribution == pytest.approx(float(np.linalg.norm(parts)), abs=1e-12)
+    assert "nan" not in whole.headline() and f"u {whole.uncertainty:.4g} m" in whole.headline()
+
+
+def test_a_budget_is_a_priori_whatever_the_variance_of_the_adjustment():
+    network = fga.Network("a")
+    network.add_point("A", (0, 0, 0), fixed="xyz")
+    network.add_point("P", (0, 0, 1), fixed="xy")
+    for value in (1.0, 1.01, 1.02):
+        network.add(fga.HeightDifference("A", "P", value, sigma=0.001))
+    solution = fga.adjust(network, variance="a-posteriori")
+    budget = fga.solution_budget(solution, "P", "z")
+    assert budget.uncertainty == pytest.approx(0.001 / np.sqrt(3))
+    scaled = solution.sigma0 * budget.uncertainty
+    assert scaled == pytest.approx(solution.standard_deviations("P")[2])
 
 
 def test_the_budget_of_a_distance_has_the_variance_of_the_line():

@@ -79,7 +79,7 @@ WRONG = {
     "an unknown frame": (
         *("observations.csv", FIRST, "frame_coordinate,M2,A,,0,0,0,"),
         "observations.csv:2: frame_coordinate M2 A: unknown frame 'M2'; known: M1, S1"
-        "; rows of frames.csv state them, or functions of Network",
+        "; rows of frames.csv state them, or add_frame of Network",
     ),
     "no frame": (
         *("observations.csv", FIRST, "frame_coordinate,,A,,0,0,0,"),

@@ -88,7 +88,7 @@ WRONG = {
     "an unknown profile": (
         {**GOOD["statoscope"], "profile": "z"},
         "observations.csv:2: profile_height 1: unknown height profile 'z'; known: s"
-        "; rows of profiles.csv state them, or functions of Network",
+        "; rows of profiles.csv state them, or set_profile of Network",
     ),
     "a point with a mount": (
         {"kind": "profile_height", "point": "A", "value": 9, "mount": "m", "sigma_m": 1},
@@ -98,7 +98,7 @@ WRONG = {
     "an unknown level": (
         {**GOOD["shore"], "level": "sea"},
         "observations.csv:2: level_height A: unknown level surface 'sea'; known: lake"
-        "; rows of levels.csv state them, or functions of Network",
+        "; rows of levels.csv state them, or set_level of Network",
     ),
     "no level": (
         {**GOOD["shore"], "level": ""},
@@ -124,7 +124,7 @@ WRONG = {
     "an unknown gyrotheodolite": (
         {**GOOD["gyro"], "gyro": "h"},
         "observations.csv:2: gyro_azimuth A B: unknown gyrotheodolite 'h'; known: g"
-        "; rows of gyros.csv state them, or functions of Network",
+        "; rows of gyros.csv state them, or set_gyro of Network",
     ),
     "a negative standard deviation": (
         {**GOOD["shore"], "sigma_m": -1},

@@ -29,7 +29,7 @@ def test_a_missing_row_of_a_frame_is_told_once_with_its_table(tmp_path: Path) ->
     (problem,) = error.value.problems
     assert problem.where.startswith("observations.csv:2: ")
     assert problem.what == (
-        "unknown frame 'LT2'; known: LT1; rows of frames.csv state them, or functions of Network "
+        "unknown frame 'LT2'; known: LT1; rows of frames.csv state them, or add_frame of Network "
         "(and in 5 more observations)"
     )
 
