@@ -34,6 +34,17 @@ def test_a_missing_row_of_a_frame_is_told_once_with_its_table(tmp_path: Path) ->
     )
 
 
+def test_a_kind_without_a_function_of_its_own_is_stated_by_set_unknown() -> None:
+    network = fga.Network("robot")
+    for name in "AB":
+        network.add_point(name, (0, 0, 0))
+    with pytest.raises(fga.InputError, match="or set_unknown of Network"):
+        network.add(fga.HeadingDifference("A", "B", 0.1, sigma=0.01))
+    for name in "AB":
+        network.set_unknown("heading", name)
+    network.add(fga.HeadingDifference("A", "B", 0.1, sigma=0.01))
+
+
 def test_names_with_other_numbers_are_not_asked_for() -> None:
     assert similar("LT2", ["LT1", "LT3"]) == ""
     assert similar("lt2", ["LT1", "LT2"]) == "; did you mean 'LT2'?"

@@ -154,7 +154,8 @@ def read_colmap(
             Angles in it are not read; images that the model does not have are left out.
         sigma_gcp: standard deviations of ``gcp``, horizontal and vertical, metres.
         sigma_gcp_px: standard deviation of its image coordinates, pixels.
-        sigma_positions: those of ``positions`` without accuracies, horizontal and vertical, metres.
+        sigma_positions: those of ``positions`` for which the file states no σ, horizontal and
+            vertical, metres.
         positions_system: reference system of a table of positions that states none.
 
     Raises:

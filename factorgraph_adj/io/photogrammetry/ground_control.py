@@ -137,7 +137,8 @@ def read_block_reference(
         problems: gets what is wrong and what is left out.
         sigma_gcp: standard deviations of ground control, horizontal and vertical, metres.
         sigma_gcp_px: standard deviation of its image coordinates, pixels.
-        sigma_positions: those of positions without accuracies, horizontal and vertical, metres.
+        sigma_positions: those of positions for which the file states no σ, horizontal and
+            vertical, metres.
         positions_system: reference system of a table that states none.
 
     Raises:
@@ -263,7 +264,8 @@ def listed_priors(
         frame: frame of the block.
         images: names of the images; the name of the file alone finds one, too.
         problems: gets what is wrong and what is left out.
-        sigma: standard deviations of positions without accuracies, horizontal and vertical, metres.
+        sigma: standard deviations of positions for which the file states no σ, horizontal and
+            vertical, metres.
     """
     images = list(images)
     known, out = _ImageNames(images), dict[str, PositionPrior]()
@@ -311,7 +313,8 @@ def place_by_positions(
     Args:
         network: the block, as a reader has made it, in coordinates of its own.
         positions: list of positions; None: the network is returned as it is.
-        sigma: standard deviations of positions without accuracies, horizontal and vertical, metres.
+        sigma: standard deviations of positions for which the file states no σ, horizontal and
+            vertical, metres.
         system: reference system of a table of positions that states none.
 
     Raises:

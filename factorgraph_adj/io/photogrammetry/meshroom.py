@@ -102,8 +102,8 @@ def read_meshroom(
         positions: list of observed positions of photos, which places the model on the Earth:
             geo.txt of ODM, or a table, see `io.photogrammetry.coordinate_lists`; None: the model
             is free.
-        sigma_positions: standard deviations of positions without accuracies, horizontal and
-            vertical, metres.
+        sigma_positions: standard deviations of positions for which the file states no σ,
+            horizontal and vertical, metres.
         positions_system: reference system of a table of positions that states none.
 
     Raises:

@@ -302,7 +302,7 @@ def read_metashape(
         sigma_shift: standard deviation of the shift during the readout about that of the file, or
             about zero, metres.
         sigma_turn: standard deviation of the turn during the readout, radians; 0: held; None: 0.01,
-            or held where motions of the file are taken and no camera turns.
+            but held with "half readout" and "whole readout" if no camera of the file turns.
 
     Raises:
         InputError: the file has problems, each with file and line.

@@ -111,8 +111,8 @@ def read_opensfm(
         calibration: whether the parameters that OpenSfM estimates are unknown.
         positions: list of observed positions of photos, in place of ``gps``: geo.txt of ODM, or a
             table, see `io.photogrammetry.coordinate_lists`.
-        sigma_positions: standard deviations of positions without accuracies, horizontal and
-            vertical, metres.
+        sigma_positions: standard deviations of positions for which the file states no σ,
+            horizontal and vertical, metres.
         positions_system: reference system of a table of positions that states none.
         rolling_shutter: "estimate" gives the photos of all cameras an unknown motion during the
             readout, zero at the start.

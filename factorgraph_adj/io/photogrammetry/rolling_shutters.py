@@ -7,10 +7,14 @@ first row is the upper one. With the readout time T the motion of a photo is v =
 ω = turn/T of the whole readout, with the other sign if the last row is read first; its pose is that
 of the middle row, see `models.rolling_shutter`.
 
-A motion that is read or estimated is a weighted unknown: the shift of the whole readout about that
-of the file, or about zero, with a standard deviation that is larger than drones move, so that it
-decides only what image points do not tell; in a network without control and positions it is free.
-Turns are weighted likewise, but held where the model of the file has none.
+A motion that is read or estimated is a weighted unknown: the a priori value of the shift during the
+whole readout is that of the file, or zero, with a standard deviation that is larger than drones
+move, so that it decides only what image points do not determine; in a network without control and
+positions it is free.
+
+With `estimate`, turns are unknown with ± ``sigma_turn`` (0.01 rad). With `half readout` and
+`whole readout` they are held if no photo of the file turns, as in OPF; ``sigma_turn=0`` holds them
+in every case.
 """
 
 from __future__ import annotations
@@ -33,8 +37,14 @@ from ..source import LeftOutReason, Problems
 RollingShutter: TypeAlias = Literal[
     "refuse", "half readout", "whole readout", "estimate", "leave out"
 ]
-"""What becomes of motions: a problem, read as those of half or of the whole readout, unknowns that
-begin at zero, or nothing, so that photos stand still at the pose of their middle row."""
+"""What becomes of the motions of photos during the readout:
+
+``refuse``: a file with motions is an error.
+``half readout``, ``whole readout``: the motion in the file covers half or all of the readout; it is
+the a priori value of an estimated motion.
+``estimate``: as these, with a priori value zero.
+``leave out``: no motion; the pose is that of the middle row.
+"""
 READOUT_PARTS = {"half readout": 2.0, "whole readout": 1.0}
 """Shift and turn of the whole readout by those of the part that a file states."""
 ALONG_ROWS: Mapping[Towards, float] = MappingProxyType({"down": 1.0, "up": -1.0})
@@ -141,7 +151,8 @@ class ShutterMotions:
                 f"(photos that move: {len(self.stated)}); {self.unsaid}; valid: "
                 "rolling_shutter='estimate' (the adjustment finds the motions), 'half readout' or "
                 "'whole readout' (the motion of the file is that from the middle row, or from the "
-                "first one, to the last one), 'leave out' (photos stand still)"
+                "first one, to the last one), 'leave out' (no motion: photos are exposed at one "
+                "moment)"
             )
             self.problems.wrong(what, self.first)
         if self.read_by_row and not self.stated and choice != "estimate":
