@@ -28,9 +28,10 @@ from .snap_adjusted_stations import (
     rejected_stations,
     settle,
 )
-from .snap_commands import ANTENNA
-from .snap_data_commands import VECTOR_KINDS
-from .snap_job import ObservationStatement, SnapJob, read_job
+from .snap_commands import ANTENNA, CENTROID_ERROR, OFFSET_ERROR
+from .snap_data_commands import POINT_KINDS, VECTOR_KINDS
+from .snap_job import ObservationStatement, SnapJob
+from .snap_job_files import read_job
 from .snap_observations import SnapObservations, refraction_radius
 from .snap_readings import SnapReading, SnapSet
 from .snap_recoding import Colocation, with_station
@@ -97,7 +98,7 @@ def read_snap(path: str | Path, *, deformation: Literal["refuse", "none"] = "ref
     type=velocity``), are reduced to the coordinates at their dates, which they need.
 
     Not read, and refused by name: deformation models of LINZ, geoid grids, systematic errors,
-    reference frames with unknown single components or rates, errors of offsets and centroids.
+    reference frames with unknown single components or rates.
 
     Args:
         path: the command file.
@@ -197,6 +198,7 @@ def _chosen_sets(job: SnapJob) -> Iterator[SnapSet]:
             if not readings:
                 continue
             of_set: dict[int, float] = {}
+            joint: dict[int, tuple[float, float]] = {}
             out = []
             for reading in readings:
                 chosen = reading
@@ -205,13 +207,28 @@ def _chosen_sets(job: SnapJob) -> Iterator[SnapSet]:
                         continue
                     if statement.by_set:
                         of_set[number] = statement.factor
+                    elif _is_joint(reading, statement):
+                        joint[number] = statement.factor**2, statement.vertical**2
                     else:
                         chosen = _modified(chosen, statement)
                 out.append(chosen)
-            yield replace(
-                found,
-                readings=tuple(replace(r, factor=r.factor * prod(of_set.values())) for r in out),
+            factor = prod(of_set.values())
+            plan, height = (sum(v[i] for v in joint.values()) for i in (0, 1))
+            changed = (
+                replace(r, factor=r.factor * factor, joint_variance=(plan, height)) for r in out
             )
+            yield replace(found, readings=tuple(changed))
+
+
+def _is_joint(reading: SnapReading, statement: ObservationStatement) -> bool:
+    """Return whether a further error is one of all vectors of the set of a reading.
+
+    It is that of the centroid of positions, or of the station from which vectors start.
+    """
+    if statement.command == CENTROID_ERROR:
+        return reading.kind in VECTOR_KINDS
+    begins = reading.kind in VECTOR_KINDS and reading.kind not in POINT_KINDS
+    return statement.command == OFFSET_ERROR and begins and statement.test.ends(reading)[0]
 
 
 def _modified(reading: SnapReading, statement: ObservationStatement) -> SnapReading:
@@ -221,9 +238,22 @@ def _modified(reading: SnapReading, statement: ObservationStatement) -> SnapRead
     if statement.command == ANTENNA:
         if reading.kind not in VECTOR_KINDS:
             return reading
-        ends = reading.instrument_height, reading.target_height
-        instrument, target = (height + statement.factor for height in ends)
+        of_ends = zip(
+            (reading.instrument_height, reading.target_height),
+            statement.test.ends(reading),
+            strict=True,
+        )
+        instrument, target = (h + statement.factor if chosen else h for h, chosen in of_ends)
         return replace(reading, instrument_height=instrument, target_height=target)
+    if statement.command == OFFSET_ERROR:
+        place = statement.test.ends(reading)[0 if reading.kind in POINT_KINDS else 1]
+        if reading.kind not in VECTOR_KINDS or not place:
+            return reading
+        plan, height = reading.own_variance
+        more = plan + statement.factor**2, height + statement.vertical**2
+        return replace(reading, own_variance=more)
+    if statement.command == CENTROID_ERROR:
+        return reading
     if statement.command == "calculate_gx_translation":
         return replace(reading, translated=statement.factor > 0)
     if statement.command == "use_distance_ratios_as_distances":

@@ -72,6 +72,10 @@ OBSERVATION_OPTIONS = {
 }
 """Options of observations, with the kind that they concern."""
 ANTENNA = "gps_antenna_height"
+OFFSET_ERROR, CENTROID_ERROR = "offset_error", "centroid_error"
+"""Further errors of GNSS vectors: of the place of an antenna, of a set of positions as a whole."""
+FURTHER_ERROR_UNITS = {"m": 1.0, "mm": 1e-3}
+"""Metres of the units of further errors."""
 OBSERVATION_COMMANDS = (
     *("reject_observations", "ignore_observations", "reweight_observations"),
     ANTENNA,

@@ -144,13 +144,33 @@ def vector_covariance(found: SnapSet, kept: list[int], stations: SnapStations) -
     if out is None:
         return None
     factors = np.repeat([r.factor for r in readings], 3)
-    out = out * np.outer(factors, factors)
+    out = out * np.outer(factors, factors) + _further_variances(readings, stations)
     try:
         whitening(out)
     except InputError as error:
         found.source.wrong(readings[0].line, f"the covariance of {found.kind}: {error}")
         return None
     return np.asarray(out)
+
+
+def _further_variances(readings: tuple[SnapReading, ...], stations: SnapStations) -> Array:
+    """Return the covariance (3n, 3n) of further errors: of each vector, and of all in common."""
+    n = len(readings)
+    first = readings[0]
+    codes = (first.station,) if first.kind == "GB" else tuple(r.station for r in readings)
+    joint = _in_horizon(first.joint_variance, _middle_horizon(stations, codes))
+    out = np.asarray(np.kron(np.ones((n, n)), joint))
+    for i, r in enumerate(readings):
+        axes = _middle_horizon(stations, (r.target or r.station,))
+        own = slice(3 * i, 3 * i + 3)
+        out[own, own] += _in_horizon(r.own_variance, axes)
+    return out
+
+
+def _in_horizon(variances: tuple[float, float], axes: Array) -> Array:
+    """Return the covariance (3, 3), geocentric, of variances of plan and height."""
+    plan, height = variances
+    return np.asarray(axes.T @ np.diag([plan, plan, height]) @ axes)
 
 
 def _stated_covariance(

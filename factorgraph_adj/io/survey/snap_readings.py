@@ -73,6 +73,10 @@ class SnapReading:
     """Line of the file."""
     factor: float = 1.0
     """Factor of its standard errors."""
+    own_variance: tuple[float, float] = (0.0, 0.0)
+    """Variances of plan and height that are added to those of a vector, metres²."""
+    joint_variance: tuple[float, float] = (0.0, 0.0)
+    """Variances of plan and height that all vectors of its set have in common, metres²."""
     translated: bool = False
     """Whether its set of positions has an unknown translation."""
     ratio: bool = True

@@ -240,6 +240,15 @@ class ObservationTest:
     between: list[frozenset[str]] = field(default_factory=list)
     """Codes of stations, of which each observation has all of its own."""
 
+    def ends(self, reading: SnapReading) -> tuple[bool, bool]:
+        """Return whether the station and the target of a reading are of the chosen stations."""
+        stations = [*self.using, *self.between]
+        station, target = (
+            all(code.upper() in chosen for chosen in stations)
+            for code in (reading.station, reading.target)
+        )
+        return station, target
+
     def holds(self, reading: SnapReading, file: str) -> bool:
         """Return whether an observation of a file is chosen."""
         own = {**reading.classes, "data_type": reading.kind}

@@ -617,7 +617,83 @@ def test_heights_of_antennas_are_added_by_criteria(tmp_path: Path) -> None:
     heights = {
         o.target: (o.instrument_height, o.target_height) for o in observed(network, "gnss_vector")
     }
-    assert heights == {"2": (0.25, 0.25), "3": (0.0, 0.0)}
+    # The antenna of station 2 alone is higher: ``obsmod.c`` of SNAP takes the ends one by one.
+    assert heights == {"2": (0.0, 0.25), "3": (0.0, 0.0)}
+    both = "fix all\ngps_antenna_height 0.25 m data_type=GB\n"
+    vectors = observed(fga.read(job(tmp_path, both)), "gnss_vector")
+    assert {(o.instrument_height, o.target_height) for o in vectors} == {(0.25, 0.25)}
+
+
+FURTHER_STATIONS = """Stations of testom30 and testom35
+NZGD1949
+options ellipsoidal_heights no_deflections no_geoid
+1 41 00 43.456933 S 173 19 16.231453 E   -47.3042
+2 41 00 21.856404 S 173 19 41.431894 E    52.7059
+3 41 00 25.456562 S 173 19 59.432056 E  -127.2952
+"""
+FURTHER_POSITIONS = """Positions
+#gx_enu_error 40 60 120 mm 20 30 50 mmr
+#data GX grouped no_heights
+1 -4787185.5859 560571.4708 -4163474.5066
+2 -4787763.2856 560046.1603 -4163037.2916
+3 -4787604.8448 559604.1132 -4163002.9955
+"""
+FURTHER_VECTORS = """Vectors
+#data GB no_heights grouped
+#gb_enu_error 4 6 12 mm
+1
+2 -577.6996 -525.3105 437.215
+3 -419.2589 -967.3576 471.511
+"""
+PLAIN, MOVED = (0.0982, 0.0414, 0.0908), (4.2424, 3.0207, 3.9870)
+TOGETHER = (4.2424, 3.0207, 3.9871)
+
+
+@pytest.mark.published
+@pytest.mark.parametrize(
+    ("commands", "readings", "printed"),
+    [
+        (
+            "offset_error 3 5 m data_type=GX using_stations 2",
+            FURTHER_POSITIONS,
+            (PLAIN, MOVED, PLAIN),
+        ),
+        (
+            "centroid_error 3 5 m data_type=GX using_stations 2",
+            FURTHER_POSITIONS,
+            (TOGETHER, TOGETHER, TOGETHER),
+        ),
+        (
+            "offset_error 3 5 m using_stations 2\n"
+            "reweight_observations offset_error 300 500 mm using_stations 3",
+            FURTHER_VECTORS,
+            ((4.2413, 3.0204, 3.9860), (0.4242, 0.3021, 0.3987)),
+        ),
+        (
+            "offset_error 3 5 m using_stations 1\n"
+            "reweight_observations offset_error 0.3 0.5 m using_stations 2",
+            FURTHER_VECTORS,
+            ((4.2623, 3.0355, 4.0061), (4.2411, 3.0205, 3.9862)),
+        ),
+    ],
+)
+def test_further_errors_of_vectors_are_those_of_the_listing(
+    tmp_path: Path, commands: str, readings: str, printed: tuple[tuple[float, ...], ...]
+) -> None:
+    """testom30, 31, 35 (github.com/linz/snap, BSD-3): printed errors of X, Y, Z, to 0.1 mm.
+
+    The error of the station from which a group of vectors starts is one of all its vectors.
+    """
+    path = job(tmp_path, f"fix all\nreweight_observations {commands}\n", FURTHER_STATIONS, readings)
+    network = fga.read(path)
+    found = [np.sqrt(np.diag(o.covariance)) for o in network.observations.values()]
+    np.testing.assert_allclose(found, printed, atol=1.1 * TENTH_MM)
+    ((_, joint),) = network.clusters
+    if "using_stations 1" in commands or "centroid" in commands:
+        up = network.frame.basis(
+            np.array(network.points["1"].coordinates)[None], np.zeros((1, 2))
+        ).enu[0, 2]
+        assert up @ joint[:3, 3:6] @ up == pytest.approx(25.0, rel=1e-3)
 
 
 def test_a_solution_in_sinex_is_a_set_of_positions(tmp_path: Path) -> None:
@@ -792,6 +868,10 @@ def test_ranges_of_codes_go_by_their_numbers(
         ("reference_frame WGS calculate scale_rate", "rates of change beside unknown parameters"),
         ("set_observation_option other", "option 'other' is unknown"),
         ("reweight_observations 2", "needs criteria of observations"),
+        (
+            "reweight_observations offset_error 2 data_type=GX",
+            "needs one or two values and m or mm",
+        ),
         ("reject_observations data_type=QQ", "data_type must be some of SD, HD"),
         ("reject_observations data_file=other.dat", "no data_file before this line"),
         ("recode 1 to 2 hv_error 0.1 before 2008-01-01", "hv_error needs one or two values and m"),
