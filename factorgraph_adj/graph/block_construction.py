@@ -11,6 +11,7 @@ from typing import Any, cast
 import numpy as np
 
 from ..entities import parameter_key, parameter_name
+from ..errors import InputError, Problem
 from ..frames import Frame
 from ..models import attitude, positions
 from ..models.base import Linearised
@@ -43,6 +44,9 @@ def variable_name(network: Network, kind: VariableKind, attribute: str, o: Obser
         return getattr(o, attribute) or ""
     record = UNKNOWNS[kind]
     key = parameter_key(record, attribute, o)
+    if record.in_photo and attribute not in o.record.photos and key not in network.of_kind(kind):
+        what = f"photo {key!r} has no {record.short} of which it says something"
+        raise InputError(Problem(what, o.label()))
     if record.absent == "default" and key not in network.parameters.get(kind, {}):
         return DEFAULT
     return parameter_name(key)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..entities import ImageTable, Key, Parameter, parameter_name
 from ..errors import InputError, Problem, known, taking
-from ..models.unknown_registry import VariableKind, parameter_kinds
+from ..models.unknown_registry import UNKNOWNS, VariableKind, parameter_kinds
 from ..network.network import Network
 from ..observations import Observation
 from ..types import Array, Mask
@@ -96,7 +96,12 @@ def without(
         }
     if unseen:
         taken = unseen.keys()
-        gone |= {i for i, o in network.observations.items() if not taken.isdisjoint(o.photos())}
+        gone |= {
+            i
+            for i, o in network.observations.items()
+            if not taken.isdisjoint(o.photos())
+            or any(UNKNOWNS[kind].in_photo and key in taken for kind, key in o.parameters())
+        }
     out = network.copy()
     out.observations = {i: o for i, o in network.observations.items() if i not in gone}
     out.clusters = [c for group in network.clusters if (c := _remaining(network, group, gone))]
@@ -140,6 +145,8 @@ def only(
             wanted[kind].add(parameter_name(key))
             if (origin := origin_of(network, kind, key)) is not None:
                 wanted["point"].add(origin)
+    for kind in (k.name for k in parameter_kinds() if k.in_photo):
+        wanted["pose"].update(n for n in wanted.get(kind, ()) if n in network.photos)
     out.photos = {n: f for n, f in network.photos.items() if n in wanted["pose"]}
     cameras = {f.camera for f in out.photos.values()} | wanted["calibration"]
     out.cameras = {n: c for n, c in network.cameras.items() if n in cameras}
@@ -217,7 +224,10 @@ def _drop_unobserved(network: Network, gone: list[Observation]) -> None:
         (kind, key)
         for o in gone
         for kind, key in o.parameters()
-        if key in (table := network.of_kind(kind)) and _is_free(table[key])
+        if key in (table := network.of_kind(kind))
+        and _is_free(table[key])
+        # A photo without its motion would stand still, which nobody has said.
+        and not UNKNOWNS[kind].in_photo
     }
     if loose:
         for o in network.observations.values():

@@ -562,6 +562,17 @@ def test_photos_that_move_are_cut_by_nested_dissection(tmp_path):
     assert len(found.jobs) == 2
 
 
+def test_the_motion_of_a_photo_may_be_tied_in_another_part(tmp_path):
+    network = measured(flown(6, 1, 400), 1)
+    network.add(fga.PhotoShift("F0", "F2", "F1", interval=8.0, sigma=(8.0,) * 3))
+    names = [*network.points, *network.photos]
+    regions = dict.fromkeys(names, "east") | {"F1": "west"}
+    parts = cut_network(network, regions, RunFolder(tmp_path / "p"))
+    assert len(parts) == 2
+    found = fga.adjust_parts(parts, folder=tmp_path / "r")
+    assert found.vtpv == pytest.approx(fga.adjust(network).vtpv, rel=1e-9)
+
+
 def strips_of_one_photo():
     """Return two parts, each with half of the image points of a photo that moves."""
     parts = []
