@@ -12,6 +12,8 @@ from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.graph.observation_selection import without
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import ImagePoint
+from factorgraph_adj.planning.candidates import difference
+from factorgraph_adj.planning.targets import PointPrecision
 from factorgraph_adj.simulation.measurement import measure
 from factorgraph_adj.types import Array
 from tests.networks.rolling_drone import SIGMA_PX, flown, measured
@@ -154,3 +156,18 @@ def test_what_is_said_of_a_motion_is_never_said_of_a_photo_that_stands_still() -
     del network.of_kind("photo_motion")["F1"]
     with pytest.raises(fga.InputError, match=r"photo_shift.*photo 'F1' has no motion"):
         compile_network(network)
+
+
+def test_a_photo_that_moves_may_be_proposed(network: Network) -> None:
+    larger = flown(*BLOCK)
+    seen = np.bincount(without(larger, [], photos=["F1"]).images.columns()[1])
+    lone = [p for p, n in zip(larger.points, seen.tolist(), strict=False) if n < 2]
+    larger = without(larger, [], points=lone)
+    design = without(larger, [], photos=["F1"])
+    added = difference("another photo", design, larger)
+    assert added.brings == {("photo", "F1"), ("photo_motion", "F1")}
+    best = fga.plan(larger).solution
+    sigma = max(max(best.standard_deviations(p)) for p in design.points)
+    found = fga.propose(design, [added], PointPrecision(1.01 * sigma))
+    motion = found.plan.solution.unknown("photo_motion", "F1")
+    np.testing.assert_allclose(motion.sigmas, best.unknown("photo_motion", "F1").sigmas, rtol=1e-6)
