@@ -286,6 +286,11 @@ def _photos(out: Network, network: Network, label: str, problems: list[Problem])
     for name, photo in network.photos.items():
         if name in out.photos:
             what = f"is in {label!r} and in a network before: give one of them another name"
+            if not (network.n_image_points or out.n_image_points):
+                what += (
+                    "; join does not know whether both are one pose: if they are, in Python "
+                    "first.add(*second.observations.values()) adds what was observed of it"
+                )
             problems.append(Problem(what, f"photo {name!r}"))
             continue
         out.photo_number[name] = len(out.photo_number)

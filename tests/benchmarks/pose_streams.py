@@ -9,7 +9,7 @@ beacons at a distance are points in plan.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -18,6 +18,9 @@ import gtsam
 import numpy as np
 
 from factorgraph_adj.entities import Photo
+from factorgraph_adj.io.robotics.g2o import read_pose_graph
+from factorgraph_adj.io.robotics.pose_graph import LANDMARK as LANDMARK_LETTER
+from factorgraph_adj.io.robotics.pose_graph import PoseEdge
 from factorgraph_adj.models.lens import NoDistortion
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import Observation, PhotoRange, RelativePosition, RelativeRotation
@@ -109,37 +112,36 @@ class Edge:
 
 def sphere(poses: int = 2500) -> Stream:
     """Return the poses of sphere2500, each with its edges to those before it."""
-    edges = []
-    for words in _lines("sphere2500.txt", "EDGE3"):
-        i, j = map(int, words[1:3])
-        *base, roll, pitch, yaw = map(float, words[3:9])
-        rotation = gtsam.Rot3.Ypr(yaw, pitch, roll).matrix()
-        edges.append(Edge(i, j, rotation, np.array(base), *SPHERE))
+    found = read_pose_graph(_file("sphere2500.txt"))[0].edges
+    edges = [
+        Edge(int(e.first), int(e.second), e.measured.rotation, e.measured.place, *SPHERE)
+        for e in found
+    ]
     prior = gtsam.PriorFactorPose3(0, gtsam.Pose3(), gtsam.noiseModel.Isotropic.Sigma(6, HELD))
     return _stream("sphere2500", edges, poses, prior, planar=False)
 
 
 def world(poses: int = 5000) -> Stream:
     """Return the first planar poses of w10000."""
-    edges = []
-    for words in _lines("w10000.graph", "EDGE2"):
-        i, j = map(int, words[1:3])
-        edges.append(_planar(i, j, *map(float, words[3:6]), *WORLD))
+    edges = [_planar_edge(e, *WORLD) for e in read_pose_graph(_file("w10000.graph"))[0].edges]
     return _stream("w10000", edges, poses, _prior_in_plan(gtsam.Pose2()), planar=True)
 
 
 def victoria(poses: int = 10_000) -> Stream:
     """Return the poses of Victoria Park, each with odometry and the landmarks that it sees."""
     edges = []
-    for words in _lines("victoria_park.txt", "ODOMETRY"):
-        i, j = map(int, words[1:3])
-        x, y, heading, along, _, _, across, _, about = map(float, words[3:12])
+    graph, _ = read_pose_graph(_file("victoria_park.txt"), matrices="covariance")
+    for e in graph.edges:
+        # The file has covariances of the error, in axes of the measured pose.
+        back = np.eye(3)
+        back[:2, :2] = e.measured.rotation[:2, :2]
+        along, across, about = np.diag(back.T @ e.covariance @ back)
         turn, shift = about**0.5, (along**0.5, across**0.5, across**0.5)
-        edges.append(_planar(i, j, x, y, heading, (turn,) * 3, shift))
-    for words in _lines("victoria_park.txt", "LANDMARK"):
-        i, j = map(int, words[1:3])
-        x, y, variance, _, _ = map(float, words[3:8])
-        edges.append(_planar(i, LANDMARK + j, x, y, 0.0, (), (variance**0.5,) * 3))
+        edges.append(_planar_edge(e, (turn,) * 3, shift))
+    for s in graph.sights:
+        j = int(s.landmark.removeprefix(LANDMARK_LETTER))
+        sigma = (float(s.covariance[0, 0]) ** 0.5,) * 3
+        edges.append(_planar(int(s.body), LANDMARK + j, s.vector[0], s.vector[1], 0.0, (), sigma))
     return _stream("victoria_park", edges, poses, _prior_in_plan(gtsam.Pose2()), planar=True)
 
 
@@ -240,6 +242,12 @@ def _planar(
     return Edge(i, j, rotation, np.array([x, y, 0.0]), turns, shifts)
 
 
+def _planar_edge(e: PoseEdge, turns: tuple[float, ...], shifts: tuple[float, ...]) -> Edge:
+    """Return an edge of a pose graph in plan."""
+    x, y, _ = e.measured.place
+    return _planar(int(e.first), int(e.second), x, y, e.measured.angle, turns, shifts)
+
+
 def _prior_in_plan(pose: gtsam.Pose2) -> gtsam.NonlinearFactor:
     return gtsam.PriorFactorPose2(0, pose, gtsam.noiseModel.Isotropic.Sigma(3, HELD))
 
@@ -296,10 +304,3 @@ def _placed_in_plan(
 
 def _file(name: str) -> Path:
     return Path(gtsam.findExampleDataFile(name))
-
-
-def _lines(name: str, word: str) -> Iterator[list[str]]:
-    for line in _file(name).read_text().splitlines():
-        words = line.split()
-        if words and words[0] == word:
-            yield words

@@ -153,3 +153,14 @@ def test_rotations_tell_a_trajectory_from_a_table(tmp_path: Path, text: str, yes
 def test_options_that_are_wrong(tmp_path: Path, options: dict) -> None:
     with pytest.raises(InputError, match=next(iter(options))):
         read_trajectory(write(tmp_path, TUM), **options)
+
+
+def test_poses_of_one_name_are_joined_by_the_user_alone(tmp_path: Path) -> None:
+    """The refusal says how, and the way leads to one adjustment of both."""
+    first = fga.read(write(tmp_path, TUM, "a.tum"), sigma_m=0.02, sigma_rad=0.01)
+    second = fga.read(write(tmp_path, TUM, "b.tum"), sigma_m=0.02, sigma_rad=0.01)
+    with pytest.raises(InputError, match=r"first\.add\(\*second\.observations\.values\(\)\)"):
+        fga.join([first, second])
+    n = len(first.observations)
+    first.add(*second.observations.values())
+    assert fga.adjust(first).n_observations == 2 * 3 * n
