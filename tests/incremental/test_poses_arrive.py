@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import gtsam
 import numpy as np
 import pytest
 
-from factorgraph_adj import IncrementalAdjustment, adjust
+import factorgraph_adj as fga
+from factorgraph_adj import Correlated, IncrementalAdjustment, adjust
 from factorgraph_adj.factor_graph.linear_isam2 import IndeterminateError, LinearISAM2
 from factorgraph_adj.ledger.command_input import Engine
 from factorgraph_adj.linear_system.isam2_system import ISAM2System
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.simulation.measurement import measure
 from tests.networks.odometry import odometry
-from tests.support.arrivals import bare, items
+from tests.support.arrivals import bare, difference, items
 
 
 def _chain() -> Network:
@@ -56,3 +58,23 @@ def test_fronts_take_what_breaks_the_tree_while_it_is_relinearised(monkeypatch: 
     batch = adjust(network)
     off = inc.pose("F7").position - batch.pose("F7").position
     assert np.all(np.abs(off) < 1e-2 * batch.pose("F7").sigmas[3:])
+
+
+def test_a_graph_in_plan_is_alive_from_its_first_edge_and_ends_at_the_batch() -> None:
+    """The first 30 poses of w100.graph, whose edges have σ of 1 m on steps of 1 m, and 1 rad."""
+    whole = fga.read(gtsam.findExampleDataFile("w100.graph"))
+    network = bare(whole)
+    for name in list(network.points)[30:]:
+        del network.points[name], network.of_kind("heading")[name]
+    edges = [e for e in items(whole) if isinstance(e, Correlated)]
+    inc = IncrementalAdjustment(network)
+    n = 0
+    for edge in edges:
+        if all(p in network.points for o in edge.observations for p in o.points()):
+            verdicts = inc.add(edge).verdicts
+            assert {v.verdict for v in verdicts} == {"accepted"}
+            n += 1
+    assert n > 50 and len(inc) == 2 * n
+    inc.settle()
+    found = difference(inc.solution(), adjust(inc.network()))
+    assert max(found.estimates, found.sigmas) < 1e-6
