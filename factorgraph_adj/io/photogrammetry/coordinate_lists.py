@@ -237,6 +237,16 @@ class ListedSystem:
             raise InputError(Problem(f"{what}; valid: {valid}"))
         return x, y, z
 
+    def remark(self, frame: TopocentricFrame) -> tuple[str, ...]:
+        """Return what a reader of a network in a frame is to know of the system; () if nothing."""
+        grid = self.system.grid
+        if grid is None or _grid_for(grid, frame.ellipsoid_name) is grid:
+            return ()
+        return (
+            f"{self.where}: places were carried from {grid.name} to WGS 84 by PROJ's best "
+            "operation, whose accuracy may be metres, the same for all places",
+        )
+
     def problem_of_order(self, frame: TopocentricFrame, block: Array, listed: Array) -> str:
         """Return what shows that x and y of the list are exchanged; empty: nothing does.
 

@@ -173,6 +173,7 @@ def read_opensfm(
         stated = read_positions(Path(positions), problems, system=positions_system)
         if isinstance(network.frame, TopocentricFrame):
             found = listed_priors(stated, network.frame, network.photos, problems, sigma_positions)
+            problems.remarks += stated.listed.remark(network.frame)
             centres = np.array([network.photos[p.photo].position for p in found]).reshape(-1, 3)
             to = np.array([p.xyz for p in found]).reshape(-1, 3)
             if what := stated.listed.problem_of_order(network.frame, centres, to):
@@ -417,6 +418,7 @@ def _control(
     except InputError as error:
         problems.extend([p.at(ground.where) for p in error.problems])
         return
+    problems.remarks += listed.remark(frame)
     for point in ground.points:
         with problems.collect(point.where):
             add_ground(network, frame, listed, point, sigma)

@@ -252,12 +252,16 @@ def test_lists_in_etrs89_lie_in_the_frame_of_wgs84(folder: Path) -> None:
     again = fga.read(folder / "reconstruction.json", **options)
     found = [o.value for o in again.observations.values() if o.kind == "photo_position"]
     assert np.array(found) == pytest.approx(CENTRES, abs=1e-3)
+    (said,) = again.remarks
+    assert said.startswith("geo.txt: places were carried from ETRS89 / UTM zone 33N to WGS 84")
     path = folder / "gcp_list.txt"
     at = ReferenceSystem("EPSG:32633", heights="ellipsoidal").from_frame(
         network.frame, np.array([network.points["G0"].coordinates])
     )
     path.write_text("EPSG:25833\n" + " ".join(map(repr, at[0].tolist())) + " 1 2 0.jpg G0\n")
-    control = fga.read(folder / "reconstruction.json").points["G0"].coordinates
+    moved = fga.read(folder / "reconstruction.json")
+    assert [r.split(":")[0] for r in moved.remarks] == ["gcp_list.txt"]
+    control = moved.points["G0"].coordinates
     assert control == pytest.approx(network.points["G0"].coordinates, abs=1e-3)
 
 
