@@ -33,7 +33,7 @@ from .congruence_tests import (
     motion_basis,
     weight_of_differences,
 )
-from .differences import Differences, PointRoles
+from .differences import HELD_IN_ONE, Differences, PointRoles
 
 MIN_OBSERVED_SCALE_PART = 1e-6
 """Part of r outside of the open motions below which no observation determines the scale."""
@@ -241,12 +241,23 @@ class Congruence(Shown):
         return {n: size for n, size in apart.items() if size > MAX_DISTANCE_OF_SAME_PLACE_M}
 
     @property
+    def held_in_one(self) -> Mapping[str, tuple[str, ...]]:
+        """Points that one epoch alone holds, by the words for it: they cannot be compared."""
+        found: dict[str, tuple[str, ...]] = {}
+        for name, why in self.roles.not_compared.items():
+            if why in HELD_IN_ONE:
+                found[why] = (*found.get(why, ()), name)
+        return found
+
+    @property
     def fine(self) -> bool:
         """Whether the adjustments converged, variances agree, and stable and held points fit.
 
-        Nothing but displacements explains the differences as well, see `alternatives`.
+        Both epochs hold the same points, and nothing but displacements explains the differences as
+        well, see `alternatives`.
         """
         fine = all(s.converged for s in self.solutions) and not self.held_apart
+        fine &= not self.held_in_one
         fine &= not self.alternatives
         fine &= self.ratio is None or self.ratio.accepted
         # Points that all moved against one another leave no reference: another mistake may be why.

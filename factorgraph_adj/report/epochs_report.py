@@ -15,6 +15,7 @@ from ..epochs.alternative_explanations import identical_readings_note as identic
 from ..epochs.block_motion import BlockMotion
 from ..epochs.comparison_result import Congruence, Displacement
 from ..epochs.congruence_tests import HypothesisTest
+from ..errors import known
 from ..io.numbers import Units
 from ..network.network import Network
 from ..quality.error_ellipses import ErrorEllipse
@@ -138,6 +139,16 @@ def _doubts(found: Congruence) -> Iterator[str]:
         yield (
             f"point {name!r} is held in both epochs, {1000 * size:.2f} mm apart: all "
             "displacements refer to it"
+        )
+    for why, names in found.held_in_one.items():
+        points = f"point{'s' * (len(names) > 1)} {known(map(repr, names))}"
+        verb = "are" if len(names) > 1 else "is"
+        # Open motions of a free epoch take up what its datum differs by; held points do not.
+        closed = not found.differences.motions.size
+        also = ", and displacements have the difference of the datums too" if closed else ""
+        yield (
+            f"{points} {verb} {why}, and cannot be compared{also}: hold the same points in both "
+            "epochs, or none"
         )
     yield from found.alternatives
     if found.steps and not found.steps[-1].test.accepted:

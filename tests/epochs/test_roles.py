@@ -105,3 +105,26 @@ def test_held_points_that_are_held_elsewhere_make_the_comparison_doubtful():
     doubts = EpochsReport(found).doubts
     assert any("'P1' is held in both epochs, 100.00 mm apart" in d for d in doubts)
     assert epochs_results_record(EpochsReport(found))["held"] == ["P1", "P2", "P3"]
+
+
+@pytest.mark.parametrize("order", [("held", "free"), ("free", "held"), ("held", "gnss")])
+def test_points_that_one_epoch_alone_holds_are_a_doubt(order):
+    first, second = (epoch(1 + i, datum=datum) for i, datum in enumerate(order))
+    found = compared(first, second)
+    which = "first" if order[0] == "held" else "second"
+    assert found.held_in_one == {f"held in the {which} epoch alone": ("P1", "P2", "P3")}
+    assert not found.fine
+    (doubt,) = EpochsReport(found).doubts
+    said = f"points 'P1', 'P2', 'P3' are held in the {which} epoch alone, and cannot be compared"
+    assert doubt.startswith(said)
+    closed = "the difference of the datums too"
+    assert (closed in doubt) == ("free" not in order)
+    assert epochs_verdict(EpochsReport(found), Texts("en")).colour == "red"
+
+
+@pytest.mark.parametrize("datum", ["gnss", "free", "held"])
+def test_epochs_that_hold_the_same_points_have_no_such_doubt(datum):
+    found = compared(epoch(1, datum=datum), epoch(2, datum=datum))
+    assert not found.held_in_one
+    assert found.fine
+    assert not EpochsReport(found).doubts
