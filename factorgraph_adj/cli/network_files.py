@@ -23,7 +23,7 @@ from ..network.network import Network
 from ..orientation.choice_of_start import start_or_problems
 from ..report.doubtful_results import notes_of_network
 from ..validate.mistyped_names import mistyped_at_start
-from ..validate.network_structure import check
+from ..validate.network_structure import LEAVE_OUT_ADVICE, check
 from ..validate.preliminary_checks import named_mistakes, preliminary
 from ..validate.stated_values import wrong_line_lengths
 from .input import (
@@ -118,13 +118,20 @@ def print_notes(noted: Sequence[str]) -> None:
         print(f"note: {one}")
 
 
-def refuse_problems(project: Project) -> None:
+def refuse_problems(project: Project, *, leaving_out: bool = False) -> None:
     """Raise all problems of a network that can be found before the adjustment.
+
+    Args:
+        project: the project.
+        leaving_out: whether problems that leaving out solves are none: what is undetermined was
+            left out in vain, and the error of the adjustment says why.
 
     Raises:
         InputError: the network has problems; those of points and photos state file and line.
     """
     problems = check(project.network, sources=project.sources)
+    if leaving_out:
+        problems = tuple(p for p in problems if LEAVE_OUT_ADVICE not in p.what)
     if problems:
         # Points behind cameras are a symptom; images with y the wrong way are the cause. So is a
         # table that is not read because of its name.

@@ -225,7 +225,7 @@ def adjust_determined(
     try:
         network, found = largest_determined_part(project.network, attempt)
     except AdjustmentError:
-        refuse_problems(project)
+        refuse_problems(project, leaving_out=True)
         print_warnings(project.warnings)
         raise
     project = replace(project, network=network)

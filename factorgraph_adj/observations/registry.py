@@ -60,6 +60,13 @@ DISTANCE_QUANTITIES: frozenset[Quantity] = frozenset(("slope distance", "horizon
 """Distances of two points."""
 INCLINATION_QUANTITIES: frozenset[Quantity] = frozenset(("zenith angle", "vertical angle"))
 """Angles in the vertical plane of a sight."""
+PLAN_QUANTITIES: frozenset[Quantity] = frozenset(
+    ("direction", "horizontal angle", "azimuth", "gyro azimuth", "horizontal distance")
+)
+"""Quantities that say nothing of heights, except by the geometry of steep sights."""
+PLANE_ADVICE = "make the network plane where heights are not wanted (dimension = 2)"
+"""What to do where heights are missing; ``dimension`` is a key of projects and mappings, and an
+option of formats that need it."""
 SIGHT_QUANTITIES: frozenset[Quantity] = frozenset(
     (
         *DISTANCE_QUANTITIES,

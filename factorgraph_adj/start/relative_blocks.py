@@ -331,7 +331,13 @@ def join_blocks(progress: SearchState, *, free: bool) -> bool:
 
 
 def start_height(progress: SearchState, i: Index) -> bool:
-    """Set the first of points ``i`` to height 0 if a free network has no known height."""
+    """Set the first of points ``i`` to height 0 if a free network has no known height.
+
+    Those whose position in plan is known come first: heights of a part that plan does not reach
+    would leave both parts without places.
+    """
     if not len(i) or np.isfinite(progress.plan[:, 2]).any():
         return False
-    return progress.set_height(i[:1], np.zeros(1))
+    known = np.isfinite(progress.plan[i, :2]).all(axis=1)
+    first = i[known][:1] if known.any() else i[:1]
+    return progress.set_height(first, np.zeros(1))

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..errors import Problem, Unreached, known
 from ..graph.equations import Equations
+from ..observations.registry import PLANE_ADVICE
 from ..types import Array, Index, Mask
 from .frame_places import FramePlaces
 from .image_rays import ImageRays, posed_photos
@@ -313,7 +314,11 @@ class _PointConnections:
             joined |= bool(np.any((sighted.station == p) | (sighted.target == p)))
         if not joined:
             in_space = any(len(seen.station) for seen in (s.steps, s.zeniths, s.slopes, s.vectors))
-            advice = "observe it, or hold z" if in_space else "hold z in a plane network"
+            advice = (
+                f"observe it, hold z, or {PLANE_ADVICE}"
+                if in_space
+                else "hold z in a plane network"
+            )
             return f"its height is not observed; {advice}"
         if not known_height.any():
             return "no height is known in the network; give one, or ask for a free network"

@@ -26,7 +26,7 @@ from ..models.shapes import Shape
 from ..models.unknown_registry import UNKNOWNS, VariableKind
 from ..network.network import Network
 from ..observations import KINDS
-from ..observations.registry import in_image_table
+from ..observations.registry import PLAN_QUANTITIES, PLANE_ADVICE, in_image_table
 from ..solve.datum_defects import connected_parts
 from ..start.image_axes import problems_of_marks
 from ..types import Array, Index, Mask
@@ -36,6 +36,8 @@ Sources: TypeAlias = Mapping[tuple[str, str], str]
 MIN_COUNTED_ENTITIES = 5
 """Free networks with fewer points and photos are exempt from the count for each point."""
 DATUM_AXES = ("x", "y", "z")
+LEAVE_OUT_ADVICE = "adjust --leave-out-undetermined"
+"""Ends the problems that leaving out solves."""
 MIN_GEOCENTRIC_RADIUS_M = 6_300_000.0
 """Smallest distance from the centre of the Earth, metres; measured points are farther away."""
 PLACE_KINDS = ("point", "pose", "frame", "size")
@@ -86,18 +88,22 @@ def point_problems(equations: Equations, at: Sources) -> Iterator[Problem]:
     if idle:
         yield Problem(
             "no observation: observe it, hold it (column fixed), take it out, or "
-            "adjust --leave-out-undetermined",
+            f"{LEAVE_OUT_ADVICE}",
             located_names("point", idle, at),
         )
     if network.datum == "free" and len(network.points) + len(network.photos) < MIN_COUNTED_ENTITIES:
         return
-    groups: dict[tuple[int, str], list[str]] = {}
+    groups: dict[tuple[int, str, frozenset[str]], list[str]] = {}
     for i in np.flatnonzero((rows > 0) & (rows < free)):
-        groups.setdefault((int(free[i]), _counted(counts[i])), []).append(table.names[i])
-    for (unknown, have), names in groups.items():
+        key = int(free[i]), _counted(counts[i]), frozenset(counts[i])
+        groups.setdefault(key, []).append(table.names[i])
+    for (unknown, have, kinds), names in groups.items():
+        quantities = {KINDS[k].quantity if k in KINDS else None for k in kinds}
+        in_plan = unknown == 3 and quantities <= PLAN_QUANTITIES
+        plane = f"{PLANE_ADVICE}, " if in_plan else ""
         yield Problem(
             f"{have} for {unknown} free coordinates: observe it more, give control, "
-            "hold coordinates (column fixed), or adjust --leave-out-undetermined",
+            f"hold coordinates (column fixed), {plane}or {LEAVE_OUT_ADVICE}",
             located_names("point", names, at),
         )
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import factorgraph_adj as fga
 from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.entities import FREE_ORIENTATION
 from factorgraph_adj.errors import ApproximationError
@@ -726,7 +727,7 @@ def test_every_point_that_cannot_be_reached_is_listed_with_its_reason():
     assert "point Q: 1 horizontal distance: not enough" in text
     assert "point R: 1 horizontal distance, 1 zenith angle, joined only to points" in text
     assert "not reached themselves: S" in text
-    assert "point D: its height is not observed; observe it, or hold z" in text
+    assert "point D: its height is not observed; observe it, hold z, or make the network" in text
     assert "point T: two positions fit equally well" in text
     assert "P" not in [line.split(":")[0].removeprefix("point ") for line in text.splitlines()]
 
@@ -806,3 +807,22 @@ def test_a_mirrored_photo_without_orientation_is_said_to_be_one(axes: str) -> No
     network.add_image_points("F5", names, xy[mine], sigma=sigma[mine])
     with pytest.raises(ApproximationError, match="check names, coordinates and calibration"):
         adjust(network)
+
+
+def test_heights_of_a_free_network_begin_where_its_plan_does():
+    """A part whose plan is not reached has the first heights; the other part is left without."""
+    network = fga.Network("two parts", datum="free")
+    for name in ("U", "V", "A", "B", "C"):
+        network.add_point(name)
+    places = {"A": (0, 0, 0), "B": (60, 10, 2), "C": (20, 50, -1)}
+    network.add(fga.HeightDifference("U", "V", 1.0, sigma=MILLIMETRE))  # before all others
+    for a, b in ("AB", "BC", "CA"):
+        d = np.subtract(places[b], places[a])
+        network.add(fga.SlopeDistance(a, b, float(np.linalg.norm(d)), sigma=MILLIMETRE))
+        network.add(fga.HeightDifference(a, b, float(d[2]), sigma=MILLIMETRE))
+    solution = fga.adjust(network, leave_out_undetermined=True)
+    assert {x.name for x in solution.network.unknowns_left_out} == {"U", "V"}
+    assert solution.converged
+    for a, b in ("AB", "BC", "CA"):
+        d = np.linalg.norm(np.subtract(places[b], places[a]))
+        assert np.linalg.norm(solution.point(b) - solution.point(a)) == pytest.approx(d, abs=1e-6)
