@@ -6,8 +6,8 @@ and the same turn during the readout of a photo between them:
     v_s = v Δt − (X_B − X_A)             metres, axes of the network
     v_t = ω Δt − Log(R_Aᵀ R_B)           radians, axes of the camera (x right, y down, z forward)
 
-so that standard deviations are those of the way and the turn by which the platform may differ from
-an even motion. The motion v, ω of the photo is that of `rolling_shutter`.
+so that standard deviations are those of the displacement and the turn by which the platform may
+differ from an even motion. The motion v, ω of the photo is that of `rolling_shutter`.
 
 | partial | of the shift | of the turn, J = Jr⁻¹(Log(R_Aᵀ R_B)) |
 | --- | --- | --- |
@@ -44,11 +44,11 @@ def photo_shift(
         observed: differences from an even motion, (n, 3).
         interval: Δt, (n,) seconds.
     """
-    way = after[:, 9:] - before[:, 9:]
-    by_a, by_b, by_motion = (np.zeros((len(way), 3, MOTION)) for _ in range(3))
+    moved = after[:, 9:] - before[:, 9:]
+    by_a, by_b, by_motion = (np.zeros((len(moved), 3, MOTION)) for _ in range(3))
     by_a[:, :, 3:], by_b[:, :, 3:] = np.eye(3), -np.eye(3)
     by_motion[:, :, :3] = interval[:, None, None] * np.eye(3)
-    v = interval[:, None] * motion[:, :3] - way - observed
+    v = interval[:, None] * motion[:, :3] - moved - observed
     return Linearised(v, (by_a, by_b, by_motion))
 
 

@@ -34,6 +34,8 @@ Towards: TypeAlias = Literal["down", "up", "right", "left"]
 """Side of the image to which the readout proceeds, as one looks at the image."""
 TOWARDS: tuple[Towards, ...] = get_args(Towards)
 """The four sides."""
+UNKNOWN_READOUT = 1.0
+"""Readout time that stands for an unknown one: motions are then those of the whole readout."""
 MOTION = 6
 """Number of components of the motion of a photo: velocity, turn."""
 _ALONG: dict[Towards, tuple[int, float]] = {

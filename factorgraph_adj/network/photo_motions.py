@@ -49,7 +49,8 @@ class PhotoMotions:
         strip: between strips the platform turns round.
 
         Args:
-            times: time of exposure of each photo of the strip, seconds, in any order.
+            times: time of exposure of each photo of the strip, in any order, in the unit of the
+                camera's readout time: seconds, which need the true readout time.
             sigma_velocity: standard deviation of the difference of a velocity from that between the
                 neighbours, m/s: one, or three along the axes of the network.
             sigma_rate: the same of the turn, rad/s: one, or three about the axes of the camera.
@@ -94,7 +95,7 @@ class PhotoMotions:
             interval = float(times[last] - times[first])
             for kind, given in ((PhotoShift, velocity), (PhotoTurn, rate)):
                 x, y, z = (s * interval for s in given)
-                ties.append(kind(first, last, f, interval=interval, sigma=(x, y, z)))
+                ties.append(kind(f, first, last, interval=interval, sigma=(x, y, z)))
         for f in order:
             if f not in self.of_kind(MOTION):
                 self.set_unknown(MOTION, f)

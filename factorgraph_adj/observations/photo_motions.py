@@ -12,34 +12,39 @@ from .registry import ObservationKind
 
 @dataclass(frozen=True)
 class _BetweenPhotos(VectorObservation):
-    """Base of what the motion of a photo has to do with the poses of its neighbours.
+    """Base of what the motion of a photo has to do with the poses of its neighbours."""
 
-    At the end of a strip the photo itself is the first or the last of the two.
-    """
-
-    photo: str
+    moving_photo: str
+    """Photo whose motion it is: one between A and B, at the end of a strip A or B itself."""
+    before: str
     """Photo A, exposed first."""
-    photo2: str
+    after: str
     """Photo B, exposed last."""
-    motion: str
-    """Photo whose motion it is: one of both, or one between them."""
     value: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Difference of the motion from that of the neighbours over the interval, SI."""
+    """Observed difference, SI; 0: uniform motion."""
     _: KW_ONLY
     interval: float = field(metadata={"quantity": "number"})
-    """Time from A to B, in the unit of the camera's readout, seconds."""
+    """Time Δt from A to B in the unit of the camera's readout time: seconds, which need the true
+    readout time. Where ``readout=1.0`` stands for an unknown one, seconds are wrong by the factor
+    1/T."""
 
     def _check(self) -> None:
         super()._check()
-        if self.photo == self.photo2:
-            self._fail("photo and photo2 are the same: a motion is between two photos")
+        if self.before == self.after:
+            self._fail("before and after are the same photo: a motion is between two photos")
         if not self.interval > 0:
             self._fail(f"the interval must be greater than zero, not {self.interval}")
 
 
 @dataclass(frozen=True)
 class PhotoShift(_BetweenPhotos):
-    """Way of a photo at its velocity less that between its neighbours: v Δt − (X_B − X_A)."""
+    """Predicted less actual displacement between two exposures, v Δt − (X_B − X_A); metres.
+
+    Difference between the displacement that the velocity of a photo predicts, v Δt, and the
+    displacement from photo A to photo B, X_B − X_A; metres, axes of the network. Its value is 0 for
+    uniform motion; sigma says by how much the flight may differ from it. Use it to tie the motion
+    during the readout to the neighbouring exposures.
+    """
 
     kind: ClassVar[str] = "photo_shift"
     components: ClassVar[tuple[str, ...]] = ("x", "y", "z")
@@ -50,9 +55,13 @@ class PhotoShift(_BetweenPhotos):
 
 @dataclass(frozen=True)
 class PhotoTurn(_BetweenPhotos):
-    """Turn of a photo at its rate less that between its neighbours: ω Δt − Log(R_A' R_B).
+    """Predicted less actual rotation between two exposures, ω Δt − Log(R_A' R_B); radians.
 
-    The axes are those of the camera: x right, y down, z forward.
+    Difference between the rotation that the angular velocity of a photo predicts, ω Δt, and the
+    rotation from photo A to photo B. Its value is 0 for uniform motion; sigma says by how much the
+    flight may differ from it. The axes are those of the camera, x right, y down, z forward: ry and
+    rz have the opposite sign to those of `RelativeRotation`, whose axes are x right, y up, z
+    backwards.
     """
 
     kind: ClassVar[str] = "photo_turn"
@@ -62,7 +71,7 @@ class PhotoTurn(_BetweenPhotos):
     """Standard deviations, radians; None if ``covariance`` is given."""
 
 
-_VARIABLES = (("pose", "photo"), ("pose", "photo2"), ("photo_motion", "motion"))
+_VARIABLES = (("pose", "before"), ("pose", "after"), ("photo_motion", "moving_photo"))
 KINDS_IN_MODULE = (
     ObservationKind(
         PhotoShift,
@@ -70,7 +79,7 @@ KINDS_IN_MODULE = (
         photo_motions.photo_shift,
         ("interval",),
         linear=True,
-        titles={"de": "Weg zwischen Nachbarbildern"},
+        titles={"de": "Verschiebung zwischen Nachbarbildern"},
     ),
     ObservationKind(
         PhotoTurn,

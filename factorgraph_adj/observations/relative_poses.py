@@ -47,8 +47,9 @@ class _RelativePose(VectorObservation):
 class RelativeRotation(_RelativePose):
     """Rotation of a photo B relative to a photo A: Log R_obs with R_Aᵀ R_B = B_m R_obs.
 
-    R leads from photogrammetric axes of a camera (x right, y up, z backwards) to the object. With a
-    mount B_m the value is the small rotation by which B differs from its place on the mount.
+    R leads from photogrammetric axes of a camera (x right, y up, z backwards) to the object: ry and
+    rz have the opposite sign to those of `PhotoTurn`, whose axes are x right, y down, z forward.
+    With a mount B_m the value is the small rotation by which B differs from its place on the mount.
     """
 
     kind: ClassVar[str] = "relative_rotation"

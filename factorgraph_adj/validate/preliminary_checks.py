@@ -12,7 +12,12 @@ from .findings import Finding
 from .frame_mistakes import misfitting_frames
 from .loop_misclosures import lines_between_given, open_loops
 from .repeated_readings import differing_repetitions
-from .stated_values import contradicting_surfaces, differing_heights, exchanged_heights
+from .stated_values import (
+    contradicting_surfaces,
+    differing_heights,
+    exchanged_heights,
+    intervals_without_readout,
+)
 from .traverse_misclosures import open_traverses
 from .undetermined_points import weakly_determined_points
 from .wrong_units import angles_beyond_circle, compared_kinds, level_sights
@@ -58,10 +63,10 @@ def preliminary(network: Network, *, length: str = "m", angle: str = "gon") -> t
     lines between given points; places in frames of their own, and loops of such
     frames; distances measured several times, height differences forth and back; readings that are
     there twice; angles beyond the circle, and zenith angles that are level in another unit; heights
-    of instruments within a set-up; stated heights of surfaces, points behind cameras, units, signs,
-    frames, axes and
-    rotations against given coordinates;
-    points that these leave undetermined, or at either of two places. Nothing is changed.
+    of instruments within a set-up; intervals of motions without a readout time; stated heights of
+    surfaces, points behind cameras, units, signs, frames, axes and rotations against given
+    coordinates; points that these leave undetermined, or at either of two places. Nothing is
+    changed.
 
     Args:
         network: the network.
@@ -86,6 +91,7 @@ def preliminary(network: Network, *, length: str = "m", angle: str = "gon") -> t
         *level_sights(network, angle, compared_kinds(equations)),
         *differing_repetitions(network),
         *(() if turned else differing_heights(network)),
+        *intervals_without_readout(network),
         *open_loops(equations),
         *(() if compared else lines_between_given(equations)),
         *open_traverses(network),

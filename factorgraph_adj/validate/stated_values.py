@@ -6,6 +6,8 @@ A reading whose residual at the stated values is v, with the partial J by the he
 puts the surface −v/J higher. The median over its points is compared with the standard deviation of
 the stated height, and with how well the points agree with one another.
 
+Intervals of motions in seconds are wrong where 1 s stands for an unknown readout time.
+
 Lengths of levelled lines may contradict the places of their ends: metres for kilometres. Where the
 places of the ends are not known, other lines bound their distance: the ends of a line lie no
 further apart than the shortest way along the stated lengths of the others.
@@ -25,6 +27,7 @@ from ..errors import InputError, known
 from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..graph.variables import State
+from ..models.rolling_shutter import UNKNOWN_READOUT
 from ..models.unknown import UnknownKind
 from ..models.unknown_registry import UNKNOWNS
 from ..network.network import Network
@@ -304,3 +307,21 @@ def _implied(
     sigma = np.hypot(part.sigma[seen, 0] / np.abs(partial[seen]), given[rows[seen]])
     rows = rows[seen]
     return number[rows], higher, sigma, rough[rows], [block.labels(int(i)) for i in rows]
+
+
+def intervals_without_readout(network: Network) -> Iterator[Finding]:
+    """Yield cameras whose readout time of 1 s stands for an unknown one, if intervals need it."""
+    own: dict[str, list[str]] = defaultdict(list)
+    for ident, o in network.observations.items():
+        if "interval" in o.record.constants:
+            for kind, attribute in o.record.parameters:
+                if UNKNOWNS[kind].in_photo:
+                    own[network.photos[getattr(o, attribute)].camera].append(ident)
+    for name, ids in own.items():
+        if network.cameras[name].readout == UNKNOWN_READOUT:
+            yield Finding(
+                f"camera {name!r} has a readout time of 1 s, which stands for an unknown one, and "
+                f"{len(ids)} observations of its motions have intervals in this unit",
+                "state the true readout time if the intervals are in seconds",
+                ids=tuple(ids),
+            )

@@ -47,8 +47,8 @@ def test_a_photo_is_at_the_same_place_after_a_second(frame: Any) -> None:
 def test_ways_between_neighbours_are_along_the_new_axes() -> None:
     grid = strip()
     sigma = (0.1, 0.2, 0.4)
-    grid.add(fga.PhotoShift("F0", "F2", "F1", (0.5, -0.2, 0.1), interval=8.0, sigma=sigma))
-    grid.add(fga.PhotoTurn("F0", "F2", "F1", (0.01, 0.02, 0.03), interval=8.0, sigma=sigma))
+    grid.add(fga.PhotoShift("F1", "F0", "F2", (0.5, -0.2, 0.1), interval=8.0, sigma=sigma))
+    grid.add(fga.PhotoTurn("F1", "F0", "F2", (0.01, 0.02, 0.03), interval=8.0, sigma=sigma))
     network = fga.from_grid(grid, SYSTEM, frame="geocentric")
     shift, turn = network.observations.values()
     found = []

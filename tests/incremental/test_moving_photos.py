@@ -18,7 +18,7 @@ GONE = ("F0", "F1")
 
 def strip() -> Network:
     network = measured(flown(6, 1, 200), 1)
-    network.add(PhotoShift("F0", "F2", "F1", interval=8.0, sigma=(8.0, 8.0, 8.0)))
+    network.add(PhotoShift("F1", "F0", "F2", interval=8.0, sigma=(8.0, 8.0, 8.0)))
     return network
 
 
@@ -50,7 +50,7 @@ def test_motions_are_retired_with_their_photos(
     rest = graph.solution().network
     assert [*rest.of_kind("photo_motion")] == [*rest.photos] == ["F2", "F3", "F4", "F5"]
     assert_rest_is_of_the_batch(graph, batch)
-    said = PhotoShift("F2", "F3", "F1", interval=4.0, sigma=(1.0, 1.0, 1.0))
+    said = PhotoShift("F1", "F2", "F3", interval=4.0, sigma=(1.0, 1.0, 1.0))
     with pytest.raises(fga.InputError, match="photo 'F1'"):
         graph.add(said)
     del graph  # releases the journal

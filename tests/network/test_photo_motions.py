@@ -12,6 +12,7 @@ from factorgraph_adj.models.lens import BrownForwardLens
 from factorgraph_adj.network.additions import add_entities
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import ImagePoint, PhotoShift, PhotoTurn
+from factorgraph_adj.validate.preliminary_checks import preliminary
 
 FORMAT, READOUT = (36.0, 24.0), 0.03
 
@@ -73,15 +74,30 @@ def test_what_is_said_of_a_motion_needs_a_photo_that_moves(
     kind: type[PhotoShift] | type[PhotoTurn],
 ) -> None:
     network = photos()
-    said = kind("F0", "F2", "F1", interval=8.0, sigma=(1.0, 1.0, 1.0))
+    said = kind("F1", "F0", "F2", interval=8.0, sigma=(1.0, 1.0, 1.0))
     with pytest.raises(fga.InputError, match=r"unknown motion of photo 'F1'.*photo_motions\.csv"):
         network.add(said)
     with pytest.raises(fga.InputError, match="unknown photo 'F9'"):
-        network.add(replace(said, motion="F9"))
+        network.add(replace(said, moving_photo="F9"))
     assert not network.observations
     network.set_unknown("photo_motion", "F1")
     network.add(said)
     assert len(network.observations) == 1
+
+
+@pytest.mark.parametrize("readout", [0.03, 1.0])
+def test_intervals_without_a_true_readout_time_are_doubted(readout: float) -> None:
+    network = photos()
+    network.cameras["camera"] = replace(network.cameras["camera"], readout=readout)
+    network.add_strip_motions({"F0": 0.0, "F1": 4.0}, sigma_velocity=1.0, sigma_rate=0.1)
+    doubts = [f for f in preliminary(network) if "stands for an unknown one" in f.what]
+    assert len(doubts) == (readout == 1.0)
+    assert all(len(f.ids) == 4 for f in doubts)
+
+
+def test_a_motion_is_between_two_photos() -> None:
+    with pytest.raises(fga.InputError, match="before and after are the same photo"):
+        PhotoShift("F1", "F0", "F0", interval=8.0, sigma=(1.0, 1.0, 1.0))
 
 
 def test_photos_of_joined_networks_keep_their_motions() -> None:
@@ -101,11 +117,11 @@ def test_photos_of_joined_networks_keep_their_motions() -> None:
     second.set_unknown("photo_motion", "A/1", (1.0, 2.0, 3.0, 0.1, 0.2, 0.3))
     second.add_shape("edge", "line", origin=(0.0, 0.0, 0.0))
     second.add(fga.ImageLine("A/1", "edge", 1.0, 2.0, sigma=0.01))
-    second.add(PhotoShift("A/1", "F", "A/1", interval=4.0, sigma=(1.0, 1.0, 1.0)))
+    second.add(PhotoShift("A/1", "A/1", "F", interval=4.0, sigma=(1.0, 1.0, 1.0)))
     joined = fga.join(networks)
     assert joined.of_kind("photo_motion") == second.of_kind("photo_motion")
     kinds = {o.kind: o for o in joined.observations.values()}
-    assert kinds["image_line"].photo == kinds["photo_shift"].motion == "A/1"  # type: ignore[attr-defined]
+    assert kinds["image_line"].photo == kinds["photo_shift"].moving_photo == "A/1"  # type: ignore[attr-defined]
     compile_network(joined)
 
 
@@ -115,10 +131,10 @@ def test_motions_of_a_strip_are_tied_to_the_neighbours_in_time() -> None:
     times = {"F2": 9.0, "F0": 1.0, "F1": 4.0}
     ids = network.add_strip_motions(times, sigma_velocity=0.5, sigma_rate=(0.1, 0.2, 0.3))
     ties = [network.observations[i] for i in ids]
-    assert [(o.photo, o.photo2, o.motion, o.interval) for o in ties[::2]] == [  # type: ignore[attr-defined]
-        ("F0", "F1", "F0", 3.0),
-        ("F0", "F2", "F1", 8.0),
-        ("F1", "F2", "F2", 5.0),
+    assert [(o.moving_photo, o.before, o.after, o.interval) for o in ties[::2]] == [  # type: ignore[attr-defined]
+        ("F0", "F0", "F1", 3.0),
+        ("F1", "F0", "F2", 8.0),
+        ("F2", "F1", "F2", 5.0),
     ]
     assert [o.kind for o in ties] == ["photo_shift", "photo_turn"] * 3
     assert ties[2].sigma == (4.0, 4.0, 4.0)  # type: ignore[attr-defined]

@@ -106,15 +106,15 @@ EXAMPLES: dict[str, Example] = {
     ),
     "photo_shift": Example(
         lambda: [
-            o.PhotoShift("f", "g", "f", (0.0, 0.0, 0.0), covariance=COVARIANCE, interval=2.5),
-            o.PhotoShift("g", "f", "f", (0.1, 0.0, 0.2), sigma=(1.0, 2.0, 3.0), interval=1.5),
+            o.PhotoShift("f", "f", "g", (0.0, 0.0, 0.0), covariance=COVARIANCE, interval=2.5),
+            o.PhotoShift("f", "g", "f", (0.1, 0.0, 0.2), sigma=(1.0, 2.0, 3.0), interval=1.5),
         ],
         (MOVING,),
     ),
     "photo_turn": Example(
         lambda: [
-            o.PhotoTurn("f", "g", "f", (0.0, 0.0, 0.0), covariance=COVARIANCE, interval=2.5),
-            o.PhotoTurn("g", "f", "f", (0.1, 0.0, 0.2), sigma=(1.0, 2.0, 3.0), interval=1.5),
+            o.PhotoTurn("f", "f", "g", (0.0, 0.0, 0.0), covariance=COVARIANCE, interval=2.5),
+            o.PhotoTurn("f", "g", "f", (0.1, 0.0, 0.2), sigma=(1.0, 2.0, 3.0), interval=1.5),
         ]
     ),
     "body_vector": Example(

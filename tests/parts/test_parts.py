@@ -557,7 +557,7 @@ def test_photos_that_move_are_cut_by_nested_dissection(tmp_path):
     for photo in ("F0", "F5"):  # strips are weak at their ends
         network.set_unknown("photo_motion", photo, sigma=(10.0, 10.0, 10.0, 0.1, 0.1, 0.1))
     for kind in (fga.PhotoShift, fga.PhotoTurn):
-        network.add(kind("F1", "F3", "F2", interval=8.0, sigma=(8.0,) * 3))
+        network.add(kind("F2", "F1", "F3", interval=8.0, sigma=(8.0,) * 3))
     found = equal_to_the_whole(network, 2, tmp_path)
     assert len(found.jobs) == 2
 

@@ -28,7 +28,7 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 
 from ...errors import InputError, known
-from ...models.rolling_shutter import TOWARDS, Towards
+from ...models.rolling_shutter import TOWARDS, UNKNOWN_READOUT, Towards
 from ...network.network import Network
 from ...observations import ControlPoint, PhotoPosition
 from ...types import Array
@@ -102,7 +102,7 @@ class ShutterOptions:
     @property
     def seconds(self) -> float:
         """Readout time, seconds; 1 s where it is unknown: motions are those of the readout."""
-        return 1.0 if self.readout is None else self.readout
+        return UNKNOWN_READOUT if self.readout is None else self.readout
 
 
 @dataclass

@@ -29,7 +29,7 @@ from ...errors import InputError
 from ...models.lens import Lens
 from ...models.normalised_lens import AffineNormalisedLens
 from ...models.ray_lens import FisheyeLens
-from ...models.rolling_shutter import Towards
+from ...models.rolling_shutter import UNKNOWN_READOUT, Towards
 from ...network.network import Network
 from ...rotation import TURN_ABOUT_X, exp_rotation, log_rotation
 from ...types import Array
@@ -198,7 +198,7 @@ def _readout(given: Mapping[str, JsonNode]) -> tuple[float, Towards] | None:
     if d or (b and c):
         what = "has times of pixels that depend on u and v, or on the motion blur"
         raise node.fail(f"{node.title} {what}; valid: [A, B, 0, 0] or [A, 0, C, 0]")
-    return (1.0, "right" if b else "down") if b or c else None
+    return (UNKNOWN_READOUT, "right" if b else "down") if b or c else None
 
 
 def _camera(

@@ -212,7 +212,7 @@ def _(o: PhotoPosition, c: Context, place: Moved, row: int) -> Converted:
 
 @converted.register
 def _(o: PhotoShift, c: Context, place: Moved, row: int) -> Converted:
-    k = c.photos.partials[c.photo(o.motion, o.label())]
+    k = c.photos.partials[c.photo(o.moving_photo, o.label())]
     covariance = k @ _of_axes(o) @ k.T
     value = tuple((k @ np.array(o.value)).tolist())
     return [replace(o, value=value, sigma=None, covariance=(covariance + covariance.T) / 2.0)], k
