@@ -31,7 +31,7 @@ class _BetweenPhotos(VectorObservation):
     def _check(self) -> None:
         super()._check()
         if self.before == self.after:
-            self._fail("before and after are the same photo: a motion is between two photos")
+            self._fail("before and after are the same: a motion is between two photos")
         if not self.interval > 0:
             self._fail(f"the interval must be greater than zero, not {self.interval}")
 

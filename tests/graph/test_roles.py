@@ -48,6 +48,12 @@ CONTROL = 0.003
 SIGMAS = {"m": 0.002, "rad": 1e-4, "mixed": 1e-3, "image": 1e-3}
 RADIUS = 7.0
 """Size of shapes, metres."""
+PHOTOS = (
+    "f",
+    "g",
+    *(f"{attribute}{n}" for attribute in ("photo", "photo2", "before") for n in "01"),
+)
+"""Photos, and those of each role, which may be one or two."""
 TURN = {"rx": 0.1, "ry": -0.15, "rz": 0.4}
 """Rotation of the frames: nearly upright, as instruments on bodies and wires are."""
 
@@ -163,7 +169,7 @@ def empty_network() -> fga.Network:
     """Return a network with photos and parameters, all of them weighted."""
     network = fga.Network("roles", frame=LocalFrame(curvature=True))
     network.add_camera("camera", NoDistortion(), {"c": 20.0})
-    for n, name in enumerate(("f", "g", "photo0", "photo1", "photo20", "photo21")):
+    for n, name in enumerate(PHOTOS):
         at = MIDDLE + np.array([30.0 * n - 60.0, 90.0, 40.0])
         network.add_photo(
             name,

@@ -96,7 +96,7 @@ def test_intervals_without_a_true_readout_time_are_doubted(readout: float) -> No
 
 
 def test_a_motion_is_between_two_photos() -> None:
-    with pytest.raises(fga.InputError, match="before and after are the same photo"):
+    with pytest.raises(fga.InputError, match="before and after are the same"):
         PhotoShift("F1", "F0", "F0", interval=8.0, sigma=(1.0, 1.0, 1.0))
 
 

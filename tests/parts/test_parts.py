@@ -564,7 +564,7 @@ def test_photos_that_move_are_cut_by_nested_dissection(tmp_path):
 
 def test_the_motion_of_a_photo_may_be_tied_in_another_part(tmp_path):
     network = measured(flown(6, 1, 400), 1)
-    network.add(fga.PhotoShift("F0", "F2", "F1", interval=8.0, sigma=(8.0,) * 3))
+    network.add(fga.PhotoShift("F1", "F0", "F2", interval=8.0, sigma=(8.0,) * 3))
     names = [*network.points, *network.photos]
     regions = dict.fromkeys(names, "east") | {"F1": "west"}
     parts = cut_network(network, regions, RunFolder(tmp_path / "p"))

@@ -146,7 +146,8 @@ def test_photos_keep_their_motions_without_the_ties_of_others() -> None:
     left = without(network, [], photos=["F1"])
     assert {*left.of_kind("photo_motion")} == {*network.photos} - {"F1"}
     ties = [o for o in left.observations.values() if o.kind == "photo_shift"]
-    assert [(o.photo, o.photo2, o.motion) for o in ties] == [("F2", "F3", "F3")]  # type: ignore[attr-defined]
+    found = [(o.moving_photo, o.before, o.after) for o in ties]  # type: ignore[attr-defined]
+    assert found == [("F3", "F2", "F3")]
     ids = [i for i, o in network.observations.items() if o.kind in ("photo_shift", "photo_turn")]
     assert without(network, ids).of_kind("photo_motion") == network.of_kind("photo_motion")
 
