@@ -36,6 +36,8 @@ TOWARDS: tuple[Towards, ...] = get_args(Towards)
 """The four sides."""
 UNKNOWN_READOUT = 1.0
 """Readout time that stands for an unknown one: motions are then those of the whole readout."""
+VELOCITY = 3
+"""Number of components of the velocity of a projection centre, the first of a motion."""
 MOTION = 6
 """Number of components of the motion of a photo: velocity, turn."""
 _ALONG: dict[Towards, tuple[int, float]] = {

@@ -275,14 +275,16 @@ def refuse_shrinking(run: AdjustmentRun, normal: NormalEquations, known: int) ->
     every = find_defects(normal.system, run.state, normal.diagonal, free=True, shrinking=True)
     size = sum(d.size for d in every)
     scaled = any("scale" in d.names() for d in every)
-    if not scaled or (size == known and any("scale" in d.names() for d in run.defects)):
+    already = size == known and any("scale" in d.names() for d in run.defects)
+    # Velocities are zero at the start, where the scale does not change them.
+    if not scaled or (already and not any(block.prior for block, _ in found)):
         return
     counts = ", ".join(f"{int(zero.sum())} {b.kind.replace('_', ' ')}" for b, zero in found)
     raise DatumError(
         "nothing in the free network has a length, so that it has no size at which it fits best: "
-        f"residuals in metres ({counts}) are lengths that should be zero, and shrink with the "
-        "network\n  give it a length: a distance, two control points, a known size of a shape "
-        "(hold its size), or a frame of known scale",
+        f"residuals in metres ({counts}) are lengths or velocities that should be zero, and shrink "
+        "with the network\n  give it a length: a distance, two control points, a known size of a "
+        "shape (hold its size), or a frame of known scale",
         defect=size,
     )
 

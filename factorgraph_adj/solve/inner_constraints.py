@@ -15,6 +15,7 @@ import numpy as np
 from ..errors import DatumError
 from ..graph.equations import Equations
 from ..graph.variables import State, Unknowns
+from ..models.rolling_shutter import VELOCITY
 from ..models.similarity import fit_similarity
 from ..models.sub_frame import split_frame
 from ..models.unknown_registry import ROTATION, UNKNOWNS, VariableKind
@@ -76,10 +77,10 @@ def moved_by_similarity(
 ) -> State:
     """Move the part of a defect by a finite similarity transformation.
 
-    Points and projection centres: X ← c + e^s R (X − c) + t; attitudes turn with R, and arms of
-    mounts grow by e^s. Orientation unknowns, verticals and scales of distance meters follow
-    linearly; the next step of the adjustment corrects their second-order terms, and those of
-    motions that do not commute.
+    Points and projection centres: X ← c + e^s R (X − c) + t; attitudes turn with R, arms of mounts
+    grow by e^s, and velocities of photos turn and grow: v ← e^s R v. Orientation unknowns,
+    verticals and scales of distance meters follow linearly; the next step of the adjustment
+    corrects their second-order terms, and those of motions that do not commute.
 
     Args:
         equations: the network.
@@ -117,7 +118,12 @@ def moved_by_similarity(
     )
     mounts, numbers = moved["mount"].copy(), _with_arms(equations, defect)
     mounts[numbers, ROTATION:] = factor * state["mount"][numbers, ROTATION:]
-    return {**moved, "point": points, "pose": poses, "frame": frames, "mount": mounts}
+    table = equations.unknowns["photo_motion"]
+    on = in_part(table, defect.inside) & table.free[:, :VELOCITY].all(axis=1)
+    motions = moved["photo_motion"].copy()
+    motions[on, :VELOCITY] = factor * state["photo_motion"][on, :VELOCITY] @ rotation.T
+    found = {"point": points, "pose": poses, "frame": frames, "mount": mounts}
+    return {**moved, **found, "photo_motion": motions}
 
 
 def _with_arms(equations: Equations, defect: Defect) -> Index:
@@ -318,11 +324,11 @@ def _similarity(
     """Return the amounts of the similarity that makes |x − x₀|² least; None: it may not be used.
 
     The similarity is used where the network has all seven defects, where every datum point has all
-    its coordinates, and where only points, photos and frames move.
+    its coordinates, and where only points, photos, their velocities, and frames move.
     """
     unknowns = equations.unknowns
     moved = {k for k, _ in unknowns.active() if UNKNOWNS[k].motions is not None}
-    if defect.size < len(MOTION_NAMES) or moved - {"point", "pose", "frame"}:
+    if defect.size < len(MOTION_NAMES) or moved - {"point", "pose", "frame", "photo_motion"}:
         return None
     table = unknowns["point"]
     on = np.flatnonzero(table.offset >= 0)

@@ -18,6 +18,7 @@ from ..entities import parameter_name
 from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..models.datum_motions import Motions
+from ..models.rolling_shutter import VELOCITY
 from ..models.unknown_registry import UNKNOWNS, VariableKind
 from ..observations import KINDS
 from ..types import Array, Index, Mask
@@ -32,12 +33,20 @@ MIN_TURN_COSINE = 0.7
 
 
 def zero_length_blocks(system: LinearisedEquations) -> Iterator[tuple[Block, Mask]]:
-    """Yield blocks of lengths, and which of their observations (n,) are lengths of zero."""
+    """Yield blocks of lengths, and which of their observations (n,) are lengths of zero.
+
+    Weighted velocities of photos are among them: displacements in a second.
+    """
     for block in system.equations.blocks:
-        if block.unit == "m" and block.fixes == "nothing" and not block.prior:
-            zero = ~np.any(block.observed, axis=1)
-            if zero.any():
-                yield block, zero
+        zero = ~np.any(block.observed, axis=1)
+        if block.prior:
+            if block.variables[0][0] != "photo_motion":
+                continue
+            zero &= block.constants["which"] < VELOCITY
+        elif block.unit != "m" or block.fixes != "nothing":
+            continue
+        if zero.any():
+            yield block, zero
 
 
 def without_shrinking(system: LinearisedEquations, noticed: Array, scale: Array) -> Array:

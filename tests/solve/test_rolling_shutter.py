@@ -12,6 +12,9 @@ import factorgraph_adj as fga
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import ImagePoint
 from factorgraph_adj.quality.precision_maps import precision_map
+from factorgraph_adj.solve.datum_defects import find_defects
+from factorgraph_adj.solve.inner_constraints import moved_by_similarity
+from factorgraph_adj.solve.linearised_equations import LinearisedEquations
 from factorgraph_adj.statistical_tests import global_test
 from factorgraph_adj.triangulation.independent_models import relative_model
 from factorgraph_adj.triangulation.plan_blocks import radial_observations
@@ -156,3 +159,40 @@ def test_what_has_one_pose_for_all_rows_refuses_photos_that_move() -> None:
     np.testing.assert_allclose(found.covariances, solution.point_covariances)
     network.parameters.pop("photo_motion")
     assert relative_model(network, ("F0", "F1")).photos == ("F0", "F1")
+
+
+def without_positions(network: Network) -> Network:
+    """Return a block of which only image points remain, with inner constraints."""
+    ids = [i for i, o in network.observations.items() if o.kind in ("control", "photo_position")]
+    out = fga.without(network, ids)
+    out.datum = "free"
+    return out
+
+
+@pytest.mark.parametrize("amounts", [(0.3, 0.0), (1.0, 0.0), (0.0, 0.5), (-0.8, -0.4)])
+def test_velocities_turn_and_grow_with_a_free_network(amounts: tuple[float, float]) -> None:
+    """``amounts``: a turn, radians, and the change of ln scale. No residual changes."""
+    solution = fga.adjust(without_positions(measured(flown(), 2)))
+    equations = solution.equations
+    system = LinearisedEquations(equations, solution.state)
+    (defect,) = find_defects(system, solution.state, system.diagonal(), free=True)
+    turn, ln_scale = amounts
+    _, size = defect.about
+    motion = np.zeros(7)
+    motion[3:6] = size * turn * np.array([0.6, 0.0, 0.8])
+    motion[6] = size * ln_scale
+    along = np.linalg.solve(defect.mixture, motion)
+    there = moved_by_similarity(equations, solution.state, defect, along)
+    v, moved = (equations.residuals(state) for state in (solution.state, there))
+    np.testing.assert_allclose(moved, v, rtol=0.0, atol=1e-7)
+    speeds = [np.linalg.norm(s["photo_motion"][:, :3], axis=1) for s in (solution.state, there)]
+    np.testing.assert_allclose(speeds[1], np.exp(ln_scale) * speeds[0], rtol=1e-12)
+
+
+def test_weights_about_zero_are_no_length_of_a_free_network() -> None:
+    network = without_positions(measured(flown(), 2))
+    for photo in network.photos:
+        network.set_unknown("photo_motion", photo, (0.0,) * 6, sigma=MOTION_SIGMA)
+    with pytest.raises(fga.DatumError, match="nothing in the free network has a length") as caught:
+        fga.adjust(network)
+    assert "weighted photo motion" in str(caught.value)
