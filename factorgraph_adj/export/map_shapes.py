@@ -95,7 +95,10 @@ def _edge(rows: ImageRows, camera: str) -> Array | None:
 
 
 def _ring(solution: Solution, name: str, pose: int, edge: Array, seen: Array) -> Array | None:
-    """Return the footprint of a photo; None if a ray does not meet the ground."""
+    """Return the footprint of a photo; None if a ray does not meet the ground.
+
+    A photo of a rolling shutter has that of its middle row.
+    """
     network, state = solution.network, solution.state
     lens = network.cameras[network.photos[name].camera].lens
     number = solution.number("calibration", calibration_name(network, name))
