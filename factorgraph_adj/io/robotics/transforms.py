@@ -7,8 +7,9 @@ world by ``applied_transform`` and multiplies it by ``applied_scale``, which the
 
 Rolling shutters are stated in two ways. instant-ngp: ``rolling_shutter`` [A, B, C, D], by which a
 pixel u, v (0 to 1) has the time A + B u + C v between the poses ``transform_matrix_start`` and
-``…_end``; here the readout takes 1 s, and the motion is that of the whole readout. Spectacular AI's
-branch of nerfstudio: ``rolling_shutter_time`` T in seconds, ``camera_linear_velocity`` and
+``…_end``; here the readout takes 1 s, and the motion is that of the whole readout. The start is
+``transform_matrix`` where the frame has no start of its own, the end is the start where it has no
+end; without ``rolling_shutter`` the time of all pixels is zero. Spectacular AI's branch of nerfstudio: ``rolling_shutter_time`` T in seconds, ``camera_linear_velocity`` and
 ``camera_angular_velocity`` in the axes of ``transform_matrix``, a row y is read at T (y/h − 1/2).
 
 Sources: nerfstudio's data conventions, instant-ngp's ``scripts/colmap2nerf.py`` and
@@ -49,6 +50,11 @@ INTRINSIC_KEYS = (
 """Keys of a camera, of the document or of a frame."""
 VELOCITIES = ("camera_linear_velocity", "camera_angular_velocity")
 """Keys of the motion of a photo."""
+MATRIX, START, END = "transform_matrix", "transform_matrix_start", "transform_matrix_end"
+"""Keys of the pose of a photo, and of the poses between which it moves."""
+MATRIX_BESIDE_START = LeftOutReason(
+    f"{MATRIX} beside {START}", f"instant-ngp takes {START} in its place"
+)
 VELOCITIES_WITHOUT_TIME = LeftOutReason(
     "velocities of photos", "the file has no readout time: their photos stand still"
 )
@@ -57,8 +63,9 @@ VELOCITIES_WITHOUT_TIME = LeftOutReason(
 def is_transforms_json(path: Path) -> bool:
     """Return whether a JSON file has poses of frames as instant-ngp and nerfstudio write them."""
     beginning = file_beginning(path)
-    keys = (b'"frames"', b'"transform_matrix"', b'"file_path"')
-    return beginning.lstrip().startswith(b"{") and all(key in beginning for key in keys)
+    pose = any(f'"{key}"'.encode() in beginning for key in (MATRIX, START))
+    keys = (b'"frames"', b'"file_path"')
+    return beginning.lstrip().startswith(b"{") and pose and all(key in beginning for key in keys)
 
 
 def read_transforms_json(
@@ -79,8 +86,8 @@ def read_transforms_json(
 
     Raises:
         InputError: the file has problems, each with file and line: other camera models
-            (EQUIRECTANGULAR), times of pixels that depend on u and v or on motion blur, matrices
-            that are no rotation and shift, sizes and focal lengths that are missing.
+            (EQUIRECTANGULAR), times of pixels that depend on u and v or on motion blur, rolling
+            shutters stated in both ways, matrices that are no rotation and shift, sizes and focal lengths that are missing.
     """
     if size is not None and (len(size) != 2 or not all(v > 0 for v in size)):
         raise InputError(f"size must be two numbers > 0, not {size}")
@@ -161,25 +168,37 @@ class _MovingPose:
 
 
 def _moving_pose(frame: JsonNode, given: Mapping[str, JsonNode], problems: Problems) -> _MovingPose:
-    """Return pose and motion of a frame."""
-    rotation, place = _pose(frame.need("transform_matrix"))
-    stated = [frame.get(key) for key in VELOCITIES]
-    ends = [frame.get(f"transform_matrix_{end}") for end in ("start", "end")]
-    node = given.get("rolling_shutter")
+    """Return pose and motion of a frame.
+
+    Raises:
+        InputError: it has no pose, or both the poses of instant-ngp and the readout time of
+            Spectacular AI.
+    """
     readout = _readout(given)
-    if node is not None and readout is not None and any(end is not None for end in ends):
-        first, *rates = node.numbers(4)[:3]
-        rate = sum(rates)  # one of them is zero
-        (r0, c0), (r1, c1) = ((rotation, place) if end is None else _pose(end) for end in ends)
-        turn, middle = log_rotation((r0.T @ r1)[None])[0], first + rate / 2
-        turned = r0 @ exp_rotation(middle * turn[None])[0]
-        return _MovingPose(turned, c0 + middle * (c1 - c0), rate * (c1 - c0), rate * turn)
-    if "rolling_shutter_time" in given and readout is not None:
+    stated = [frame.get(key) for key in VELOCITIES]
+    start, end = frame.get(START), frame.get(END)
+    timed = "rolling_shutter_time" in given
+    if timed and (start is not None or end is not None):
+        what = f"has {START} or {END} of instant-ngp beside rolling_shutter_time of Spectacular AI"
+        raise frame.fail(f"{frame.title} {what}; valid: one of them")
+    if timed and readout is not None:
+        rotation, place = _pose(frame.need(MATRIX))
         v, w = (np.zeros(3) if n is None else np.array(n.numbers(3)) for n in stated)
         return _MovingPose(rotation, place, rotation @ v, w)
+    name = frame.need("file_path").text()
     if any(n is not None for n in stated):
-        problems.leave_out(VELOCITIES_WITHOUT_TIME, frame.need("file_path").text(), frame.where)
-    return _MovingPose(rotation, place)
+        problems.leave_out(VELOCITIES_WITHOUT_TIME, name, frame.where)
+    if start is not None and frame.get(MATRIX) is not None:
+        problems.leave_out(MATRIX_BESIDE_START, name, frame.where)
+    r0, c0 = _pose(frame.need(MATRIX) if start is None else start)
+    if end is None:
+        return _MovingPose(r0, c0)
+    r1, c1 = _pose(end)
+    first, b, c, _ = _times(given["rolling_shutter"]) if "rolling_shutter" in given else (0.0,) * 4
+    rate = b + c  # one of them is zero
+    turn, middle = log_rotation((r0.T @ r1)[None])[0], first + rate / 2
+    turned = r0 @ exp_rotation(middle * turn[None])[0]
+    return _MovingPose(turned, c0 + middle * (c1 - c0), rate * (c1 - c0), rate * turn)
 
 
 def _readout(given: Mapping[str, JsonNode]) -> tuple[float, Towards] | None:
@@ -188,17 +207,31 @@ def _readout(given: Mapping[str, JsonNode]) -> tuple[float, Towards] | None:
     Raises:
         InputError: times of pixels that no rolling shutter has.
     """
+    node = given.get("rolling_shutter")
+    times = None if node is None else _times(node)
     if "rolling_shutter_time" in given:
+        if node is not None:
+            raise node.fail("rolling_shutter beside rolling_shutter_time; valid: one of them")
         seconds = given["rolling_shutter_time"].number(least=0.0)
         return (seconds, "down") if seconds else None
-    node = given.get("rolling_shutter")
-    if node is None:
+    if times is None:
         return None
-    _, b, c, d = node.numbers(4)
+    _, b, c, _ = times
+    return (UNKNOWN_READOUT, "right" if b else "down") if b or c else None
+
+
+def _times(node: JsonNode) -> tuple[float, ...]:
+    """Return A, B, C, D of the times A + B u + C v + D · motion blur of pixels; D may be absent.
+
+    Raises:
+        InputError: times of pixels that no rolling shutter has.
+    """
+    found = list(node.list())
+    a, b, c, d = (*node.numbers(3), 0.0) if len(found) == 3 else node.numbers(4)
     if d or (b and c):
         what = "has times of pixels that depend on u and v, or on the motion blur"
         raise node.fail(f"{node.title} {what}; valid: [A, B, 0, 0] or [A, 0, C, 0]")
-    return (UNKNOWN_READOUT, "right" if b else "down") if b or c else None
+    return a, b, c, d
 
 
 def _camera(

@@ -49,7 +49,24 @@ def moving() -> dict[str, Any]:
     return content
 
 
+def between_poses() -> dict[str, Any]:
+    """Return a document of photos that have poses at the start and the end alone."""
+    content = document(rolling_shutter=[0.1, 0.0, 0.7])
+    for frame in content["frames"]:
+        start = frame.pop("transform_matrix")
+        end = np.array(start) + np.outer([0.1, -0.2, 0.05, 0.0], [0, 0, 0, 1])
+        frame |= {"transform_matrix_start": start, "transform_matrix_end": end.tolist()}
+    return content
+
+
 EXAMPLE_FILES = {
+    "transforms between two poses": Example(
+        "transforms",
+        {"transforms.json": json.dumps(between_poses(), indent=1)},
+        "transforms.json",
+        open_names=True,
+        places_only=True,
+    ),
     "transforms of a rolling shutter": Example(
         "transforms",
         {"transforms.json": json.dumps(moving(), indent=1)},
@@ -145,6 +162,15 @@ def test_an_angle_gives_the_focal_length_and_a_frame_may_have_its_own_camera(
         ),
         ({"rolling_shutter": [0, 1, 1, 0]}, r"valid: \[A, B, 0, 0\] or \[A, 0, C, 0\]"),
         ({"rolling_shutter_time": -0.1}, "rolling_shutter_time"),
+        ({"rolling_shutter": [0, 1]}, "rolling_shutter needs 4 numbers, not 2"),
+        (
+            {"rolling_shutter": [0, 0, 1], "rolling_shutter_time": 0.1},
+            "rolling_shutter beside rolling_shutter_time",
+        ),
+        (
+            {"rolling_shutter_time": 0.1, "frames": between_poses()["frames"]},
+            "transform_matrix_end of instant-ngp beside rolling_shutter_time",
+        ),
     ],
 )
 def test_files_that_are_wrong(tmp_path: Path, changes: dict, message: str) -> None:
@@ -162,6 +188,13 @@ def moved(i: int, t: float) -> tuple[Rotation, np.ndarray]:
     """Return the pose of photo i at the time t from its middle row."""
     pose = Rotation.from_rotvec(TURNS[i])
     return pose * Rotation.from_rotvec(TURN * t), PLACES[i] + pose.apply(VELOCITY) * t
+
+
+def matrix_of(turned: Rotation, place: np.ndarray) -> list[list[float]]:
+    """Return a pose as the file has it."""
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = turned.as_matrix(), place
+    return matrix.tolist()
 
 
 def rolling_image(i: int, point: np.ndarray, time_of: Any) -> np.ndarray:
@@ -205,22 +238,61 @@ def test_velocities_are_those_of_the_camera_at_the_middle_row(tmp_path: Path) ->
     assert_images(network, lambda uv: READOUT * (uv[1] - 0.5))
 
 
-@pytest.mark.parametrize(("times", "axis"), [([0.1, 0.0, 0.7, 0.0], 1), ([0.9, -0.6, 0.0, 0.0], 0)])
+@pytest.mark.parametrize(
+    ("times", "axis"),
+    [([0.1, 0.0, 0.7, 0.0], 1), ([0.9, -0.6, 0.0, 0.0], 0), ([0.1, 0.0, 0.7], 1)],
+)
+@pytest.mark.parametrize("start", ["transform_matrix_start", "transform_matrix"])
 def test_times_of_pixels_are_between_two_poses(
-    tmp_path: Path, times: list[float], axis: int
+    tmp_path: Path, times: list[float], axis: int, start: str
 ) -> None:
-    """instant-ngp: A + B u + C v is the part of the way from the first to the last pose."""
+    """instant-ngp: A + B u + C v is the part of the way from the first to the last pose.
+
+    The first one is transform_matrix where it has no key of its own.
+    """
     content = document(rolling_shutter=times)
     middle = times[0] + times[1 + axis] / 2
     for i, frame in enumerate(content["frames"]):
-        for word, part in (("start", 0.0), ("end", 1.0)):
-            matrix = np.eye(4)
-            turned, place = moved(i, READOUT * (part - middle))
-            matrix[:3, :3], matrix[:3, 3] = turned.as_matrix(), place
-            frame[f"transform_matrix_{word}"] = matrix.tolist()
+        del frame["transform_matrix"]
+        for key, part in ((start, 0.0), ("transform_matrix_end", 1.0)):
+            frame[key] = matrix_of(*moved(i, READOUT * (part - middle)))
     network = fga.read(write(tmp_path, content))
     assert network.cameras["camera"].readout_towards == ("right", "down")[axis]
     assert_images(network, lambda uv: READOUT * (times[0] + times[1 + axis] * uv[axis] - middle))
+
+
+@pytest.mark.parametrize("times", [None, [0.25, 0.0, 0.0, 0.0], [0.25, 0.0, 0.0]])
+def test_one_time_of_all_pixels_is_a_pose_between_two(
+    tmp_path: Path, times: list[float] | None
+) -> None:
+    """instant-ngp: t = A, zero without rolling_shutter; the plain pose has no part in it."""
+    content = document() if times is None else document(rolling_shutter=times)
+    before = 0.0 if times is None else times[0]
+    for i, frame in enumerate(content["frames"]):
+        for word, part in (("start", 0.0), ("end", 1.0)):
+            frame[f"transform_matrix_{word}"] = matrix_of(*moved(i, READOUT * (part - before)))
+        frame["transform_matrix"] = matrix_of(*moved(i, 10.0))
+    network = fga.read(write(tmp_path, content))
+    assert not network.of_kind("photo_motion")
+    (left,) = network.left_out
+    assert (left.what, left.count) == ("transform_matrix beside transform_matrix_start", 2)
+    for i, photo in enumerate(network.photos.values()):
+        assert photo.position == pytest.approx(PLACES[i], abs=1e-12)
+    network.add_point("P", POINT.tolist())
+    for i, found in enumerate(projected(network, ["P"]).values()):
+        assert (found[0][0], -found[0][1]) == pytest.approx(image(i, POINT), abs=1e-8)
+
+
+def test_a_photo_with_a_start_alone_stands_still(tmp_path: Path) -> None:
+    """instant-ngp: without an end the end is the start, whatever transform_matrix is."""
+    content = document(rolling_shutter=[0.0, 0.0, 1.0, 0.0])
+    for i, frame in enumerate(content["frames"]):
+        frame["transform_matrix_start"] = frame["transform_matrix"]
+        frame["transform_matrix"] = matrix_of(*moved(i, 1.0))
+    network = fga.read(write(tmp_path, content))
+    assert not network.of_kind("photo_motion")
+    for i, photo in enumerate(network.photos.values()):
+        assert photo.position == pytest.approx(PLACES[i], abs=1e-12)
 
 
 def test_velocities_without_a_readout_time_are_left_out(tmp_path: Path) -> None:
