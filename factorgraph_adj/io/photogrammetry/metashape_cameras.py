@@ -68,8 +68,9 @@ LOST_PARAMETERS: Mapping[type[Lens], tuple[str, ...]] = MappingProxyType(
 """Lens models that are the same function as one of Metashape's, where these parameters are zero."""
 CalibrationUnknowns: TypeAlias = Literal["optimised", "held"] | Sequence[str]
 """Which calibration parameters are unknown."""
-MOTION_SIZES = {"rotation": 9, "location": 3}
-"""Numbers of the parts of the motion of a camera during the readout."""
+MOTION_SIZES = {"rotation": 9, "location": 3, "translation": 3}
+"""Numbers of the parts of the motion of a camera during the readout. PlaCamera reads the shift as
+``location``, EasyIDP as ``translation``; no public file with one was found."""
 JOINED_PARAMETERS = {"cxcy": ["cx", "cy"], "k1k2k3": ["k1", "k2", "k3"], "p1p2": ["p1", "p2"]}
 """Parameters of PhotoScan's flags before 1.2.4 that represent several."""
 
@@ -223,11 +224,14 @@ def add_sensors(
 
 
 def _has_rolling_shutter(sensor: Element) -> bool:
-    """Return whether Metashape models the rolling shutter of a sensor."""
-    return any(
-        p.attributes.get("name") == "rolling_shutter" and p.attributes.get("value") in ("true", "1")
-        for p in sensor.all("property")
-    )
+    """Return whether Metashape models the rolling shutter of a sensor.
+
+    ``rolling_shutter`` tells; without it ``rolling_shutter_flags``, the parameters that it
+    estimates (3: *Regularized*, 63: all).
+    """
+    said = {p.attributes.get("name"): p.attributes.get("value") for p in sensor.all("property")}
+    flags = said.get("rolling_shutter_flags", "0")
+    return said.get("rolling_shutter", "false" if flags == "0" else "true") in ("true", "1")
 
 
 def _calibration(
@@ -355,7 +359,11 @@ def _add_motion(
         )
         if is_unread(found):
             return
-        parts[child.tag] = np.array(found)
+        name = "location" if child.tag == "translation" else child.tag
+        if name in parts:
+            context.problems.wrong(f"<{child.tag}> states the {name} a second time", where)
+            return
+        parts[name] = np.array(found)
     turned = rotation_and_scale(parts.get("rotation", np.eye(3)).reshape(3, 3))
     if turned is None or abs(turned[1] - 1.0) > 1e-4:
         context.problems.wrong("<rotation> of a rolling shutter is no rotation", where)

@@ -72,9 +72,10 @@ def read_opf(
     captures, dense clouds, and items of vendors (ext_…) are not read.
 
     ``rolling_shutter`` of a calibrated camera is Δc of the paper to which the format refers
-    (Vautherin et al. 2016): c(t) = c₀ + λ Δc with λ from −1 in the first row to 1 in the last one,
-    in the axes of the processing system. Its axes and λ are those of the equations as openMVG's
-    branch with a model of rolling shutters repeats them; no public file has values.
+    (Vautherin et al. 2016): c(t) = c₀ + λ Δc with λ from −1 to 1, in the axes of the processing
+    system. These axes and this range are those of the equations as openMVG's branch with a model of
+    rolling shutters repeats them. That λ is −1 in the first row and 1 in the last one is taken: no
+    public file with values was found that would show it.
 
     Args:
         path: project.opf, or its folder.

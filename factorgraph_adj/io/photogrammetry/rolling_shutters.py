@@ -8,9 +8,10 @@ first row is the upper one. With the readout time T the motion of a photo is v =
 of the middle row, see `models.rolling_shutter`.
 
 A motion that is read or estimated is a weighted unknown: the a priori value of the shift during the
-whole readout is that of the file, or zero, with a standard deviation that is larger than drones
-move, so that it decides only what image points do not determine; in a network without control and
-positions it is free.
+whole readout is that of the file, or zero, with a standard deviation as large as drones move, so
+that it decides only what image points do not determine. It is free where nothing else determines
+the scale of the network, which a weight about zero would shrink, or its orientation, by which a
+shift of the file turns.
 
 With `estimate`, turns are unknown with ± ``sigma_turn`` (0.01 rad). With `half readout` and
 `whole readout` they are held if no photo of the file turns, as in OPF; ``sigma_turn=0`` holds them
@@ -30,7 +31,7 @@ import numpy as np
 from ...errors import InputError, known
 from ...models.rolling_shutter import TOWARDS, UNKNOWN_READOUT, Towards
 from ...network.network import Network
-from ...observations import ControlPoint, PhotoPosition
+from ...observations import ControlPoint, PhotoPosition, PointDirection, SlopeDistance
 from ...types import Array
 from ..source import LeftOutReason, Problems
 
@@ -141,8 +142,8 @@ class ShutterMotions:
     def finish(self) -> None:
         """State readouts and motions; refuse those of unknown meaning; remark what was assumed.
 
-        To be called when the network has all its observations: without one of positions its scale
-        is free, and a weight on velocities would shrink it.
+        To be called when the network has all its observations: those of positions and lengths
+        decide whether velocities have weights.
         """
         choice = self.options.choice
         if self.stated and choice == "refuse":
@@ -185,9 +186,9 @@ class ShutterMotions:
             network.cameras[name] = replace(
                 network.cameras[name], readout=seconds, readout_towards=options.readout_towards
             )
-        kinds = {o.kind for o in network.observations.values()}
-        positioned = bool(kinds & {ControlPoint.kind, PhotoPosition.kind})
-        deviations = dict.fromkeys(SHIFTS, options.sigma_shift / seconds) if positioned else {}
+        zero = options.choice == "estimate"
+        settled = self._scale_is_known() if zero else self._orientation_is_known()
+        deviations = dict.fromkeys(SHIFTS, options.sigma_shift / seconds) if settled else {}
         turning = self._sigma_turn()
         if turning:
             deviations |= dict.fromkeys(TURNS, turning / seconds)
@@ -196,9 +197,11 @@ class ShutterMotions:
             network.set_unknown(
                 "photo_motion", photo, (whole / seconds).tolist(), fixed=held, sigma=deviations
             )
-        zero = options.choice == "estimate"
         begins = "zero" if zero else f"that of the file ({options.choice})"
-        weight = f" ± {options.sigma_shift:g} m" if positioned else ", free as the network is"
+        open_part = "scale" if zero else "scale or orientation"
+        weight = f" ± {options.sigma_shift:g} m"
+        if not settled:
+            weight = f", free, as the {open_part} of the network may be open"
         turned = f"± {turning:g} rad" if turning else "held"
         said = (
             f"photos that move during the readout: {len(motions)}; shift of the readout: "
@@ -207,6 +210,31 @@ class ShutterMotions:
         if options.readout is None:
             said += "; its time is unknown: motions are those of the whole readout (1 s)"
         self.problems.remarks.append(said)
+
+    def _scale_is_known(self) -> bool:
+        """Return whether two positions, or a length between points in photos, state the scale."""
+        return self._positions() >= 2 or self._has_between_points(SlopeDistance)
+
+    def _orientation_is_known(self) -> bool:
+        """Return whether three positions, or two and a direction, state scale and orientation."""
+        positions = self._positions()
+        return positions >= 3 or (positions == 2 and self._has_between_points(PointDirection))
+
+    def _positions(self) -> int:
+        """Return how many photos, and points in photos, have observed positions."""
+        observations = self.network.observations.values()
+        points = {o.point for o in observations if isinstance(o, ControlPoint)} & self._seen()
+        return len(points) + len({o.photo for o in observations if isinstance(o, PhotoPosition)})
+
+    def _has_between_points(self, kind: type[SlopeDistance | PointDirection]) -> bool:
+        """Return whether there is an observation of a kind between points in photos."""
+        seen, observations = self._seen(), self.network.observations.values()
+        return any(isinstance(o, kind) and seen.issuperset(o.points()) for o in observations)
+
+    def _seen(self) -> set[str]:
+        """Return the points that photos see."""
+        names = list(self.network.points)
+        return {names[i] for i in set(self.network.images.columns()[1].tolist())}
 
     def _sigma_turn(self) -> float:
         """Return the standard deviation of the turn during the readout, radians; 0: held."""

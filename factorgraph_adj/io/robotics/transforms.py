@@ -9,7 +9,8 @@ Rolling shutters are stated in two ways. instant-ngp: ``rolling_shutter`` [A, B,
 pixel u, v (0 to 1) has the time A + B u + C v between the poses ``transform_matrix_start`` and
 ``…_end``; here the readout takes 1 s, and the motion is that of the whole readout. The start is
 ``transform_matrix`` where the frame has no start of its own, the end is the start where it has no
-end; without ``rolling_shutter`` the time of all pixels is zero. Spectacular AI's branch of nerfstudio: ``rolling_shutter_time`` T in seconds, ``camera_linear_velocity`` and
+end; without ``rolling_shutter`` the time of all pixels is zero. Spectacular AI's branch of
+nerfstudio: ``rolling_shutter_time`` T in seconds, ``camera_linear_velocity`` and
 ``camera_angular_velocity`` in the axes of ``transform_matrix``, a row y is read at T (y/h − 1/2).
 
 Sources: nerfstudio's data conventions, instant-ngp's ``scripts/colmap2nerf.py`` and
@@ -87,7 +88,8 @@ def read_transforms_json(
     Raises:
         InputError: the file has problems, each with file and line: other camera models
             (EQUIRECTANGULAR), times of pixels that depend on u and v or on motion blur, rolling
-            shutters stated in both ways, matrices that are no rotation and shift, sizes and focal lengths that are missing.
+            shutters stated in both ways, matrices that are no rotation and shift, sizes and focal
+            lengths that are missing.
     """
     if size is not None and (len(size) != 2 or not all(v > 0 for v in size)):
         raise InputError(f"size must be two numbers > 0, not {size}")

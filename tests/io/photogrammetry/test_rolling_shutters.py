@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.errors import InputError
+from factorgraph_adj.errors import DatumError, InputError
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.io.photogrammetry.block_source import add_pixel_camera
 from factorgraph_adj.io.photogrammetry.metashape_cameras import calibration_parameters
@@ -355,6 +355,10 @@ def test_motions_of_metashape_need_an_option_that_says_what_they_are(
         ("<rotation>2 0 0 0 2 0 0 0 2</rotation>", "is no rotation"),
         ("<location>1 2 x</location>", "<location>"),
         ("<speed>1</speed>", "unknown element <speed>"),
+        (
+            "<location>1 2 3</location><translation>1 2 3</translation>",
+            "<translation> states the location a second time",
+        ),
     ],
 )
 def test_motions_that_are_none_are_refused(
@@ -395,6 +399,125 @@ def test_a_sensor_with_a_rolling_shutter_and_no_motions_is_remarked(
     network = fga.read(metashape(flight, tmp_path, None))
     assert network.cameras["camera"].readout is None
     assert any("rolling shutter whose photos have no motion: camera" in r for r in network.remarks)
+
+
+def rewritten(path: Path, old: str, new: str) -> Path:
+    """Replace a text in a project of Metashape."""
+    with zipfile.ZipFile(path) as archive:
+        text = archive.read("doc.xml").decode()
+    assert old in text
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("doc.xml", text.replace(old, new))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("said", "rolling"),
+    [
+        ('<property name="rolling_shutter_flags" value="3"/>', True),
+        ('<property name="rolling_shutter_flags" value="63"/>', True),
+        ('<property name="rolling_shutter_flags" value="0"/>', False),
+        (
+            '<property name="rolling_shutter" value="true"/>'
+            '<property name="rolling_shutter_flags" value="63"/>',
+            True,
+        ),
+        (
+            '<property name="rolling_shutter" value="false"/>'
+            '<property name="rolling_shutter_flags" value="63"/>',
+            False,
+        ),
+        ("", False),
+    ],
+)
+def test_flags_of_a_rolling_shutter_tell_that_a_sensor_has_one(
+    said: str, rolling: bool, flight: fga.Network, tmp_path: Path
+) -> None:
+    """PlaCamera reads flags alone, 3 as Metashape's Regularized."""
+    path = metashape(flight, tmp_path, None)
+    network = fga.read(rewritten(path, '<property name="rolling_shutter" value="true"/>', said))
+    assert any("cameras with a rolling shutter" in r for r in network.remarks) == rolling
+
+
+def test_the_shift_may_be_called_a_translation(
+    flight: fga.Network, true: Motion, tmp_path: Path
+) -> None:
+    options: dict[str, Any] = {"rolling_shutter": "half readout", **TURNING}
+    path = metashape(flight, tmp_path, true)
+    first = fga.read(path, **options).of_kind("photo_motion")
+    text = "location>"  # <location camera_id=…> of markers has attributes
+    second = fga.read(
+        rewritten(
+            rewritten(path, f"<{text}", "<translation>"),
+            f"{text}</rolling",
+            "translation></rolling",
+        ),
+        **options,
+    ).of_kind("photo_motion")
+    for photo, motion in first.items():
+        assert second[photo].values == motion.values and any(motion.values[:3])
+
+
+@pytest.mark.parametrize(
+    ("controls", "centres", "bars", "directions", "zero", "stated"),
+    [
+        (1, 0, 0, 0, False, False),
+        (0, 1, 0, 0, False, False),
+        (1, 1, 0, 0, True, False),
+        (2, 0, 0, 1, True, True),
+        (3, 0, 0, 0, True, True),
+        (0, 0, 1, 0, True, False),
+        (1, 0, 0, 1, False, False),
+    ],
+)
+def test_shifts_are_weighted_where_the_scale_is_known(
+    controls: int,
+    centres: int,
+    bars: int,
+    directions: int,
+    zero: bool,
+    stated: bool,
+    flight: fga.Network,
+    true: Motion,
+    tmp_path: Path,
+) -> None:
+    """A weight about zero shrinks a network of open scale, one about a vector turns it, too."""
+    network, ends = flight.copy(), list(flight.points)[:2]
+    kept = {ControlPoint: controls, PhotoPosition: centres}
+    for key, observation in list(network.observations.items()):
+        if kept.get(type(observation), 0) <= 0:
+            del network.observations[key]
+        else:
+            kept[type(observation)] -= 1
+    a, b = (np.array(network.points[n].coordinates) for n in ends)
+    length = float(np.linalg.norm(b - a))
+    if bars:
+        network.add(fga.SlopeDistance(*ends, length, sigma=0.01))
+    if directions:
+        network.add(fga.PointDirection(*ends, *((b - a) / length).tolist(), sigma=0.001))
+    path = opf(network, tmp_path, true)
+    for choice, weighted in (("estimate", zero), ("half readout", stated)):
+        read = fga.read(path, rolling_shutter=choice, readout=READOUT)
+        motions = read.of_kind("photo_motion").values()
+        sigma = 1.0 / READOUT if weighted else None
+        for motion in motions:
+            found = list(motion.sigma[:3])
+            assert found == [pytest.approx(sigma)] * 3 if weighted else not np.isfinite(found).any()
+        assert any("may be open" in r for r in read.remarks) != weighted
+
+
+def test_one_control_point_leaves_the_scale_open(
+    flight: fga.Network, true: Motion, tmp_path: Path
+) -> None:
+    """The error tells it; velocities about zero do not shrink the block instead."""
+    network = flight.copy()
+    first = next(k for k, o in network.observations.items() if isinstance(o, ControlPoint))
+    for key in list(network.observations):
+        if key != first:
+            del network.observations[key]
+    read = fga.read(opf(network, tmp_path, true), rolling_shutter="estimate", **TURNING)
+    with pytest.raises(DatumError, match="scale"):
+        fga.adjust(read)
 
 
 def test_the_readout_may_proceed_to_another_side(
