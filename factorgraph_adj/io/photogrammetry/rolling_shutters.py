@@ -9,9 +9,9 @@ of the middle row, see `models.rolling_shutter`.
 
 A motion that is read or estimated is a weighted unknown: the a priori value of the shift during the
 whole readout is that of the file, or zero, with a standard deviation as large as drones move, so
-that it decides only what image points do not determine. It is free where nothing else determines
-the scale of the network, which a weight about zero would shrink, or its orientation, by which a
-shift of the file turns.
+that it decides only what image points do not determine. It is free where too few positions
+determine scale and orientation of the network: a weight about zero would shrink it, and shifts turn
+with it.
 
 With `estimate`, turns are unknown with ± ``sigma_turn`` (0.01 rad). With `half readout` and
 `whole readout` they are held if no photo of the file turns, as in OPF; ``sigma_turn=0`` holds them
@@ -31,7 +31,7 @@ import numpy as np
 from ...errors import InputError, known
 from ...models.rolling_shutter import TOWARDS, UNKNOWN_READOUT, Towards
 from ...network.network import Network
-from ...observations import ControlPoint, PhotoPosition, PointDirection, SlopeDistance
+from ...observations import ControlPoint, PhotoPosition, PointDirection
 from ...types import Array
 from ..source import LeftOutReason, Problems
 
@@ -142,7 +142,7 @@ class ShutterMotions:
     def finish(self) -> None:
         """State readouts and motions; refuse those of unknown meaning; remark what was assumed.
 
-        To be called when the network has all its observations: those of positions and lengths
+        To be called when the network has all its observations: those of positions
         decide whether velocities have weights.
         """
         choice = self.options.choice
@@ -187,7 +187,7 @@ class ShutterMotions:
                 network.cameras[name], readout=seconds, readout_towards=options.readout_towards
             )
         zero = options.choice == "estimate"
-        settled = self._scale_is_known() if zero else self._orientation_is_known()
+        settled = self._datum_is_known()
         deviations = dict.fromkeys(SHIFTS, options.sigma_shift / seconds) if settled else {}
         turning = self._sigma_turn()
         if turning:
@@ -198,10 +198,9 @@ class ShutterMotions:
                 "photo_motion", photo, (whole / seconds).tolist(), fixed=held, sigma=deviations
             )
         begins = "zero" if zero else f"that of the file ({options.choice})"
-        open_part = "scale" if zero else "scale or orientation"
         weight = f" ± {options.sigma_shift:g} m"
         if not settled:
-            weight = f", free, as the {open_part} of the network may be open"
+            weight = ", free, as scale or orientation of the network may be open"
         turned = f"± {turning:g} rad" if turning else "held"
         said = (
             f"photos that move during the readout: {len(motions)}; shift of the readout: "
@@ -211,14 +210,14 @@ class ShutterMotions:
             said += "; its time is unknown: motions are those of the whole readout (1 s)"
         self.problems.remarks.append(said)
 
-    def _scale_is_known(self) -> bool:
-        """Return whether two positions, or a length between points in photos, state the scale."""
-        return self._positions() >= 2 or self._has_between_points(SlopeDistance)
+    def _datum_is_known(self) -> bool:
+        """Return whether three positions, or two and a direction, state scale and orientation.
 
-    def _orientation_is_known(self) -> bool:
-        """Return whether three positions, or two and a direction, state scale and orientation."""
+        A distance alone does not do: rows of velocities that are not zero change with a turn, so
+        that weights about zero would take part in the datum of a free network.
+        """
         positions = self._positions()
-        return positions >= 3 or (positions == 2 and self._has_between_points(PointDirection))
+        return positions >= 3 or (positions == 2 and self._has_direction())
 
     def _positions(self) -> int:
         """Return how many photos, and points in photos, have observed positions."""
@@ -226,10 +225,12 @@ class ShutterMotions:
         points = {o.point for o in observations if isinstance(o, ControlPoint)} & self._seen()
         return len(points) + len({o.photo for o in observations if isinstance(o, PhotoPosition)})
 
-    def _has_between_points(self, kind: type[SlopeDistance | PointDirection]) -> bool:
-        """Return whether there is an observation of a kind between points in photos."""
+    def _has_direction(self) -> bool:
+        """Return whether the direction between two points in photos is observed."""
         seen, observations = self._seen(), self.network.observations.values()
-        return any(isinstance(o, kind) and seen.issuperset(o.points()) for o in observations)
+        return any(
+            isinstance(o, PointDirection) and seen.issuperset(o.points()) for o in observations
+        )
 
     def _seen(self) -> set[str]:
         """Return the points that photos see."""
