@@ -212,6 +212,23 @@ def adjust(
         ApproximationError: the points, photos or sets that it names have no approximate values.
         DatumError: the observations do not determine the unknowns that it names, or the network
             has datum defects and no free network is asked for.
+
+    Example:
+        >>> import factorgraph_adj as fga
+        >>> from factorgraph_adj.observations import SlopeDistance
+        >>> net = fga.Network("two distances")
+        >>> net.add_point("A", (0.0, 0.0, 0.0), fixed="xyz")
+        >>> net.add_point("B", (10.0, 0.0, 0.0), fixed="yz")
+        >>> ids = net.add(
+        ...     SlopeDistance("A", "B", 10.002, sigma=0.002),
+        ...     SlopeDistance("A", "B", 10.012, sigma=0.002),
+        ... )
+        >>> solution = fga.adjust(net)
+        >>> solution.converged, solution.redundancy
+        (True, 1)
+        >>> x, sigma = solution.point("B")[0], solution.covariance("B")[0, 0] ** 0.5
+        >>> print(f"x = {x:.4f} m, σ = {1e3 * sigma:.2f} mm")
+        x = 10.0070 m, σ = 1.41 mm
     """
     choice = network.datum if datum is None else datum
     if choice not in (valid := get_args(DatumChoice)):

@@ -33,7 +33,9 @@ class Columns(Shown):
     title: str
     """What the rows are."""
     columns: Mapping[str, np.ndarray[Any, Any]]
-    """Arrays (n,) by name; the unit is that of the library: metres, radians, image units."""
+    """Arrays (n,) by name; the unit is that of the library: metres, radians, image units.
+    Counts, names, factors and test values have none; `Solution.to_pandas` lists columns and units.
+    """
 
     def __getitem__(self, name: str) -> np.ndarray[Any, Any]:
         """Return a column.

@@ -191,13 +191,16 @@ def known(names: Iterable[object], *, meant: object = "", most: int = 12) -> str
     'a, b, … (3 in all)'
     >>> known(["given", "free"], meant="fre")
     "given, free; did you mean 'free'?"
+    >>> known(["", "a"])
+    'a'
 
     Args:
-        names: the valid names.
+        names: the valid names; the empty one, of a default that stands for all that have no name
+            of their own, is not listed.
         meant: the wrong name, see `similar`; none: nothing is asked.
         most: number of names that are listed at most.
     """
-    listed = [str(n) for n in names]
+    listed = [text for n in names if (text := str(n))]
     if not listed:
         return "none"
     asked = similar(meant, listed) if isinstance(meant, str) else ""

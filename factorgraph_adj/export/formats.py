@@ -117,9 +117,19 @@ def to_xarray(solution: Solution) -> xarray.Dataset:
 def to_pandas(solution: Solution) -> dict[str, pandas.DataFrame]:
     """Return the tables of a solution as data frames, in metres, radians and image units.
 
-    ``points``, ``photos`` and ``unknowns`` have the columns of `Solution.point_table`,
-    `photo_table` and `unknown_table`; ``observations`` has those of `Reliability.table`: residuals,
-    r, w, ∇ (``mdb``). A network without photos has a frame without rows.
+    They are `Solution.point_table`, `photo_table`, `unknown_table` and `Reliability.table`. A
+    network without photos has a frame without rows. Columns without a unit below are names, marks
+    (true or false) and numbers without a unit.
+
+    - ``points``: x, y, z and sigma_x, sigma_y, sigma_z in metres; on the ellipsoid also latitude
+      and longitude in radians, height, sigma_east, sigma_north and sigma_up in metres.
+    - ``photos``: x, y, z and sigma_x, sigma_y, sigma_z in metres; omega, phi, kappa and the
+      components sigma_rx, sigma_ry, sigma_rz of the turn in radians.
+    - ``unknowns``: value and sigma in the unit of the component, SI (metres, radians, seconds and
+      their ratios); those of a camera in its image unit, or in none.
+    - ``observations``: residual, sigma, mdb (∇) and estimated_error in the unit of the observation,
+      metres or radians, image unit for image points; largest_effect, on a coordinate, in metres;
+      r, w, tau and delta_bar have none.
 
     Raises:
         InputError: pandas is not installed (extra ``table``).

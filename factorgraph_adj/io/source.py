@@ -64,6 +64,9 @@ ROWS_SWITCHED_OFF = LeftOutReason("points and observations", "they are switched 
 DERIVED_OBSERVATIONS = LeftOutReason(
     "reduced observations", "they are derived: raw readings alone are read"
 )
+NOTES = LeftOutReason("notes", "they are text of the surveyor or the program, and no reading")
+"""Records and fields of field books that hold a remark: those that the reader takes a setting, a
+height or a reading from are read."""
 
 
 class Problems:

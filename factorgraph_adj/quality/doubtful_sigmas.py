@@ -4,7 +4,7 @@ The residuals of a group of observations of one kind say by which factor f its s
 would fit: f² = vᵀPv / r with its redundancy r. A group whose σ is stated 1000 times too large fits
 far too well beside others, f is near 1/1000, and the weights of the others hardly depend on it. One
 whose σ is far too small bends the others, so that the factors are estimated together
-(`estimate_variance_components`); a gross error shows in few residuals of a group,
+(`components_of_trial`); a gross error shows in few residuals of a group,
 a wrong σ in all.
 """
 
@@ -25,7 +25,7 @@ from ..stochastic_model import PARTS, StandardDeviation
 from ..types import Array
 from ..units import ANGLE
 from .reliability import Reliability
-from .variance_components import estimate_variance_components
+from .variance_components import components_of_trial
 
 MIN_DOUBTFUL_FACTOR = 30.0
 """Factor from which a σ is doubted: σ that are stated carefully lie within a few times the truth,
@@ -130,10 +130,8 @@ def _groups_with_small_sigmas(s: Solution, groups: dict[str, list[Block]]) -> li
     """Return the groups whose σ are far too small, if larger ones make everything fit."""
     try:
         with np.errstate(all="ignore"):  # only a trial: gross errors make weights of any size
-            estimated = estimate_variance_components(
-                s.network,
-                groups={k: [i for b in blocks for i in b.ids] for k, blocks in groups.items()},
-                start=s,
+            estimated = components_of_trial(
+                s, {k: [i for b in blocks for i in b.ids] for k, blocks in groups.items()}
             )
     except AdjustmentError:
         return []

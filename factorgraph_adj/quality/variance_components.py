@@ -13,7 +13,7 @@ f² ← f² v_gᵀP_g v_g / r_g and of Helmert's S f² = q (Förstner 1979, AVN 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -45,6 +45,10 @@ from .observation_groups import (
     sharpened_redundancy,
 )
 
+DEFAULT_TOLERANCE_OF_COMPONENTS = 1e-3
+"""Bound on the last change of every component, relative to its own σ."""
+DEFAULT_MAX_ADJUSTMENTS = 50
+"""Largest number of sets of weights."""
 MIN_CERTAIN_FREEDOM = 10.0
 """Degrees of freedom below which an estimate is called uncertain: the standard deviation of its
 factor is more than 1/√20, 22 %."""
@@ -180,8 +184,8 @@ def estimate_variance_components(
     *,
     groups: GroupChoice = "kind",
     datum: DatumChoice | None = None,
-    tolerance: float = 1e-3,
-    max_iterations: int = 50,
+    tolerance: float = DEFAULT_TOLERANCE_OF_COMPONENTS,
+    max_iterations: int = DEFAULT_MAX_ADJUSTMENTS,
     seed: int = 0,
     start: Solution | Start | None = None,
     extra_factors: ExtraFactors = (),
@@ -222,6 +226,39 @@ def estimate_variance_components(
         raise InputError("max_iterations must be at least 1, and tolerance greater than 0")
     solution = adjust(network, datum=datum, start=start, extra_factors=extra_factors)
     found = observation_groups(solution, groups)
+    return _iterated(solution, found, datum, tolerance, max_iterations=max_iterations, seed=seed)
+
+
+@with_one_thread
+def components_of_trial(start: Solution, groups: GroupChoice) -> VarianceComponents:
+    """Estimate variance components near a solution, of which the factors alone are needed.
+
+    Points stay on the sides of their stations on which the solution has them: an adjustment from
+    the other side of each of them with every set of weights takes long, and the solution was chosen
+    among the sides. The adjustment of the result has no sentences on second places.
+
+    Args:
+        start: the solution.
+        groups: as for `estimate_variance_components`.
+
+    Raises:
+        InputError: as `estimate_variance_components`.
+    """
+    solution = adjust(start.network, start=start)
+    return _iterated(solution, observation_groups(solution, groups), other_sides=False)
+
+
+def _iterated(
+    solution: Solution,
+    found: ObservationGroups,
+    datum: DatumChoice | None = None,
+    tolerance: float = DEFAULT_TOLERANCE_OF_COMPONENTS,
+    *,
+    max_iterations: int = DEFAULT_MAX_ADJUSTMENTS,
+    seed: int = 0,
+    other_sides: bool = True,
+) -> VarianceComponents:
+    """Iterate from the adjustment with the a-priori weights, see `estimate_variance_components`."""
     search = ComponentIteration(len(found.names))
     iterations, whole, near = 1, True, False
     logarithms = search.logarithms.copy()
@@ -255,7 +292,9 @@ def estimate_variance_components(
             iterations += 1
         weights = np.append(np.exp(-logarithms), 1.0)[found.of_row]
         last = proposal.bound < LAST_CHANGE_FACTOR * tolerance or iterations == max_iterations
-        solution, whole = _reweighted(solution, at, weights, datum, whole=last)
+        solution, whole = _reweighted(
+            solution, at, weights, datum, whole=last, other_sides=other_sides
+        )
     at = sharpened_redundancy(at, solution, found, seed=seed)
     converged = at_rest and solution.converged
     components, correlation = _results(search, at, found, np.exp(logarithms / 2.0))
@@ -271,16 +310,18 @@ def _reweighted(
     datum: DatumChoice | None,
     *,
     whole: bool,
+    other_sides: bool,
 ) -> tuple[Solution, bool]:
     """Return the network with other weights, adjusted to the end or after one step.
 
     The estimates move little when weights change, and one step usually leads to the minimum. If the
     sum vᵀPv after the step is not the one that the linear model predicts, the network is adjusted
-    to the end.
+    to the end. ``other_sides`` is that of `readjust`.
 
     Returns:
         The solution, and whether it is adjusted to the end.
     """
+    again = partial(readjust, datum=datum, other_sides=other_sides)
     if not whole:
         before = 1.0 if solution.weights is None else solution.weights
         n = solution.equations.n_rows
@@ -289,10 +330,10 @@ def _reweighted(
         try:
             step = solution_after_step(solution, at.movement, weights)
         except InputError:
-            return readjust(solution, weights, datum=datum), True
+            return again(solution, weights), True
         if step.vtpv <= (1.0 + MAX_UNPREDICTED_SHARE) * predicted:
             return step, False
-    return readjust(solution, weights, datum=datum), True
+    return again(solution, weights), True
 
 
 def _results(

@@ -104,7 +104,11 @@ def fits_badly(v: Array, factors: Array | None, n_determined: int, *, relative: 
 
 
 def readjust(
-    solution: Solution, weights: Array | None, *, datum: DatumChoice | None = None
+    solution: Solution,
+    weights: Array | None,
+    *,
+    datum: DatumChoice | None = None,
+    other_sides: bool = True,
 ) -> Solution:
     """Adjust a network again with other weights, starting from its solution.
 
@@ -117,6 +121,7 @@ def readjust(
             (`solution_after_step`).
         weights: factor on the weight of each scalar observation, as for `adjust`.
         datum: as for `adjust`.
+        other_sides: whether points may go to their other sides where vᵀPv is smaller there.
 
     Raises:
         InputError: an observation cannot be computed, or a weight is not a number > 0; or factors
@@ -135,6 +140,7 @@ def readjust(
         extra=solution.extra,
         solver=solution.run.solver,
         astray=True,
+        other_sides=other_sides,
     )
 
 

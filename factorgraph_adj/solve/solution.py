@@ -282,6 +282,9 @@ class Solution(Shown):
     def to_pandas(self) -> dict[str, pandas.DataFrame]:
         """Return ``points``, ``photos``, ``unknowns`` and ``observations`` as data frames.
 
+        Columns and their units are those of `factorgraph_adj.export.formats.to_pandas`: metres,
+        radians, image units.
+
         Raises:
             InputError, AdjustmentError: as `factorgraph_adj.export.formats.to_pandas`.
         """

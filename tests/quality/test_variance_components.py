@@ -37,6 +37,7 @@ from factorgraph_adj.quality.observation_groups import (
 from factorgraph_adj.quality.variance_components import (
     VarianceComponent,
     VarianceComponents,
+    components_of_trial,
     estimate_variance_components,
 )
 from factorgraph_adj.simulation.measurement import measure
@@ -843,3 +844,25 @@ def test_conjugate_gradients_solve_what_curves_upwards() -> None:
     assert not nothing.any()
     down = matrix - 1.5 * np.linalg.eigvalsh(matrix)[0] * np.eye(6)
     assert conjugate_gradients(down.__matmul__, scale, right, relative=1e-12, least=1e-9) is None
+
+
+def test_a_trial_finds_the_same_factors_and_leaves_points_on_their_sides():
+    network, random = Network("two distances, mirrored"), np.random.default_rng(5)
+    network.add_point("P", (20.0, 9.0, 0.0), fixed="z")
+    ids: dict[str, list[str]] = {"fine": [], "coarse": []}
+    for name, x in {"A": (0.0, 0.0, 0.0), "B": (40.0, 0.0, 0.0)}.items():
+        network.add_point(name, x, fixed="xyz")
+        d = float(np.hypot(20.0, 9.0))
+        for group, true in (("fine", 1.0), ("coarse", 20.0)):
+            for _ in range(8):
+                value = d + true * MM * random.normal()
+                ids[group] += network.add(SlopeDistance(name, "P", value, sigma=MM))
+    solution = adjust(network)
+    assert solution.second_places
+    whole = estimate_variance_components(network, groups=ids)
+    trial = components_of_trial(solution, ids)
+    assert trial.converged and whole.converged
+    for name in ids:
+        assert abs(trial[name].factor / whole[name].factor - 1.0) < 1e-3
+    assert whole.solution.second_places
+    assert not trial.solution.second_places

@@ -14,7 +14,7 @@ from typing import Any
 from ...network.network import Network
 from ..format_reader import NetworkReader, Reader
 from ..numbers import PACKED_DEGREES
-from ..source import Field, TextSource
+from ..source import NOTES, Field, TextSource
 from ..text_files import file_beginning
 from .accuracies import DEFAULT_ACCURACIES, Accuracies
 from .field_book import FieldBook
@@ -67,8 +67,9 @@ GEOZSENI_RECORDS = {
         RecordField("height", "height of the instrument", read_length),
         *(
             RecordField("", what, read_name)
-            for what in ("date", "field book", "surveyor", "instrument", "data collector", "note")
+            for what in ("date", "field book", "surveyor", "instrument", "data collector")
         ),
+        RecordField("note", "note", read_name),
     ),
     "AM": TARGET,
     "RM": TARGET,
@@ -88,8 +89,8 @@ def read_geozseni(
     Read are stations (AP) and sights (AM, RM): readings of both faces where they stand there, and
     otherwise their means, in packed degrees, of which 60 seconds are a minute more, and metres.
     The files have no coordinates. Text that is not UTF-8 is read in code page 852. Not read: means
-    beside readings in both faces, codes, date, field book, surveyor, instrument, data collector
-    and note of a station.
+    beside readings in both faces, codes, date, field book, surveyor, instrument and data collector
+    of a station; its note is left out and counted.
 
     Tried on one field book of GeoEasy, of 248 set-ups.
 
@@ -116,6 +117,8 @@ def read_geozseni(
         found = read_record(fields, cells, source, line, GEOZSENI_SCALES)
         if letters == "AP":
             book.begin(line, found["station"], found["height"])
+            if found["note"]:
+                source.leave_out(line, NOTES, found["note"])
         else:
             _sight(book, line, found)
     return book.network()

@@ -13,7 +13,7 @@ from ...errors import known
 from ...network.network import Network
 from ..format_options import option_text
 from ..format_reader import NetworkReader, Reader
-from ..source import TextSource
+from ..source import NOTES, TextSource
 from .accuracies import DEFAULT_ACCURACIES, Accuracies
 from .field_book import FieldBook
 from .field_records import NEEDED, RecordField, read_record
@@ -35,6 +35,8 @@ from .gsi_words import (
 MAY_BE_MISSING = ("21", "22", "31", "32", *(str(i) for i in range(81, 87)))
 """Words that may have dashes for a value; without a height of instrument or target there is no
 sight."""
+REMARKS = tuple(str(i) for i in range(70, 80))
+"""Words of remarks, which are 0 where there is none."""
 WORDS_WITHOUT_OBSERVATION = ("25", "33")
 """Difference of the circle to its orientation and difference of heights, which are derived."""
 KNOWN_WORDS = tuple(
@@ -112,11 +114,11 @@ def read_gsi(
     without a number, or with 0, are turning points with names of their own, such as ``0_1``. A
     height (83) counts where it was typed or begins a line.
 
-    Harmless and not read: instrument, date and time (12-19, 56, 59), other codes (41-49), remarks
-    (70-79). Left out and counted: what holds no observation, such as the difference of the circle
-    to its orientation (25), differences of heights (33), numbers and sums of the level (390, 571-
-    574, computed heights), readings of the staff that belong to no line (330), check the instrument
-    or were repeated; values of dashes, which were not measured.
+    Harmless and not read: instrument, date and time (12-19, 56, 59), other codes (41-49). Left
+    out and counted: remarks (70-79); what holds no observation, such as the difference of the
+    circle to its orientation (25), differences of heights (33), numbers and sums of the level (390,
+    571-574, computed heights), readings of the staff that belong to no line (330), check the
+    instrument or were repeated; values of dashes, which were not measured.
 
     Tried on the GSI files of Total Open Station and GeoEasy and on the blocks of levels of Leica's
     manual.
@@ -136,6 +138,9 @@ def read_gsi(
     levelling, codes = GsiLevel(book), dict[str, bool]()
     for block in gsi_blocks(source):
         line, (index, word) = block.line, block.words[0]
+        for i, remark in block.words:
+            if i in REMARKS and not is_missing(remark) and text_of(remark) != "0":
+                source.leave_out(line, NOTES, text_of(remark))
         if index == "41" and "?" in word:
             levelling.begin(line, word)
         elif index == "41":

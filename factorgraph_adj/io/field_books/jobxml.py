@@ -14,7 +14,7 @@ from ...errors import known
 from ...network.network import Network
 from ...units import ANGLE
 from ..format_reader import NetworkReader, Reader
-from ..source import ROWS_SWITCHED_OFF, LeftOutReason
+from ..source import NOTES, ROWS_SWITCHED_OFF, LeftOutReason
 from ..xml_files import Element, begins_with_element, element_at, text_at
 from ..xml_source import XmlSource
 from .accuracies import DEFAULT_ACCURACIES, Accuracies, StatedSigmas
@@ -86,6 +86,8 @@ class _Reader:
             ident = record.attributes.get("ID", "")
             self.records.setdefault(record.tag, {})[ident] = record
         for record in () if book is None else book.children:
+            if record.tag == "NoteRecord":
+                self._notes(record)
             if record.tag != "PointRecord":
                 continue
             if text_at(record, "Deleted").lower() == "true":
@@ -100,6 +102,12 @@ class _Reader:
                 self._coordinates(point, text_at(point, "Name"), *grid)
                 if not text_at(point, *grid, "North") and text_at(point, "Latitude"):
                     self.source.leave_out(point.line, GNSS_POINTS, text_at(point, "Name"))
+
+    def _notes(self, record: Element) -> None:
+        """Leave out the notes of a record, each with its text."""
+        for note in (element_at(record, "Notes") or record).children:
+            if note.tag == "Note" and note.text.strip():
+                self.source.leave_out(note.line, NOTES, note.text.strip())
 
     def _record(self, of: Element, tag: str, reference: str) -> Element | None:
         """Return the record that another one refers to; a missing one is a problem."""

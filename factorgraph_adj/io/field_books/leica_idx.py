@@ -27,7 +27,7 @@ from ...network.network import Network
 from ...units import GON
 from ..format_reader import NetworkReader, Reader, begins_with
 from ..numbers import ROUNDED_PACKED_DEGREES
-from ..source import LeftOutReason, TextSource
+from ..source import NOTES, LeftOutReason, TextSource
 from .accuracies import DEFAULT_ACCURACIES, Accuracies
 from .field_book import FieldBook
 from .field_records import (
@@ -116,8 +116,9 @@ def read_leica_idx(
     none. Where a set-up has a station without coordinates, those of class MEAS are not used, which
     the instrument then computed from stations at 0, 0, 0; they are counted.
 
-    Not read: project, dates, numbers and codes of points, remarks, weather, instruments but for
-    their vertical circle. Other sections, columns and units are refused.
+    Not read: project, dates, numbers and codes of points, weather, instruments but for their
+    vertical circle. Rows of remarks (ANNOTATIONS) are left out and counted. Other sections, columns
+    and units are refused.
 
     Tried on two field books of GeoEasy, 17 set-ups of a Leica TCR705 in both faces.
 
@@ -247,6 +248,8 @@ class _Reader:
             self.source.wrong(line, what)
         elif section.name in COLUMNS:
             self._values(line, cells, section)
+        elif section.name == "ANNOTATIONS" and any(cells):
+            self.source.leave_out(line, NOTES, ", ".join(c for c in cells if c))
 
     def _values(self, line: int, cells: list[str], section: _Section) -> None:
         """Use the values of a row."""

@@ -19,7 +19,7 @@ from ...units import ANGLE, FOOT, GON, US_SURVEY_FOOT
 from ..format_options import option_text
 from ..format_reader import NetworkReader, Reader, begins_with
 from ..numbers import PACKED_DEGREES
-from ..source import ROWS_SWITCHED_OFF, Field, LeftOutReason, TextSource
+from ..source import NOTES, ROWS_SWITCHED_OFF, Field, LeftOutReason, TextSource
 from .accuracies import DEFAULT_ACCURACIES, Accuracies
 from .field_book import FieldBook, name_list
 from .field_records import (
@@ -160,10 +160,10 @@ def read_nikon_raw(
     The M3 may measure without a station: its comments ``TI`` have height of instrument and a
     turning of the circle, which begin a set-up, and ``station`` names the points of them.
 
-    Not needed and not read: azimuth of the backsight, times, codes, all other comments, which
-    repeat readings and heights; prism constant and atmosphere are in the distances. Lines that
-    begin with an asterisk are deleted in the instrument and are left out, and so are sights of an
-    orientation without the name of a target.
+    Not needed and not read: azimuth of the backsight, times, codes, comments ``TI`` that repeat
+    readings; prism constant and atmosphere are in the distances. All other comments are left out
+    and counted as notes, and so are lines that begin with an asterisk, which are deleted in the
+    instrument, and sights of an orientation without the name of a target.
 
     Tried on files of Nikon DTM-330, NPL-350 and NPL-352, Trimble M3 and Ruide R2.
 
@@ -240,6 +240,8 @@ class _Reader:
             self.settings[name] = self.source.field(line, found[2], name).choice(
                 NIKON_SETTINGS[name]
             )
+        elif not text.startswith("TI ") and text:
+            self.source.leave_out(line, NOTES, text)
         if CIRCLE_PATTERN.match(text):
             self.circle_turned = True
         if found := HEIGHT_PATTERN.match(text):

@@ -20,7 +20,7 @@ from ...units import ANGLE, FOOT, GON, US_SURVEY_FOOT
 from ..format_options import option_text
 from ..format_reader import NetworkReader, Reader, begins_with
 from ..numbers import PACKED_DEGREES, checked_number
-from ..source import Field, LeftOutReason, TextSource
+from ..source import NOTES, Field, LeftOutReason, TextSource
 from .accuracies import DEFAULT_ACCURACIES, Accuracies
 from .field_book import FieldBook
 from .field_records import (
@@ -193,8 +193,10 @@ def read_rw5(
     source = TextSource(path, code_page="cp1252")
     reader = _Reader(FieldBook(source, accuracies, fixed), length_unit, angle_unit)
     for line, text in source.filled():
-        if not text.lstrip().startswith("--"):
-            reader.read(line, text.strip("\x1a\x00 \t"))
+        if (note := text.strip("\x1a\x00 \t")).startswith("--"):
+            source.leave_out(line, NOTES, note.strip("- "))
+        else:
+            reader.read(line, note)
     return reader.finish()
 
 
@@ -245,9 +247,11 @@ class _Reader:
     def _by_header(self, line: int, words: list[str]) -> dict[str, str]:
         """Return the values of fields by their headers, without the note."""
         out: dict[str, str] = {}
-        for word in words:
+        for number, word in enumerate(words):
             field = word.lstrip()
             if field.startswith("--"):
+                if note := ",".join(words[number:]).strip("- "):
+                    self.source.leave_out(line, NOTES, note)
                 break
             if not field.strip():
                 continue

@@ -18,7 +18,7 @@ from ...network.network import Network
 from ...units import ANGLE, FOOT, GON, US_SURVEY_FOOT
 from ..format_reader import NetworkReader, Reader, begins_with
 from ..numbers import NUMBER_PATTERN
-from ..source import DERIVED_OBSERVATIONS, ROWS_SWITCHED_OFF, LeftOutReason, TextSource
+from ..source import DERIVED_OBSERVATIONS, NOTES, ROWS_SWITCHED_OFF, LeftOutReason, TextSource
 from .accuracies import DEFAULT_ACCURACIES, Accuracies
 from .field_book import FieldBook
 from .field_records import (
@@ -130,9 +130,9 @@ def read_sdr33(
     station that follows; those of a resection that was begun again are left out.
 
     Prism constant and atmosphere are in the distances. Not needed and not read: atmosphere, scale,
-    job, reduced and corrected observations (05, 06, 10, 11, 09 MC), other notes (13) and deleted
-    records, which begin with DD; 04 with corrections other than 0 and all other records are
-    refused.
+    job, reduced and corrected observations (05, 06, 10, 11, 09 MC) and deleted records, which
+    begin with DD. Other notes (13) are left out and counted; 04 with corrections other than 0 and
+    all other records are refused.
 
     Tried on files of Sokkia SET5F, SET630RK, SET1030R3 and Spectra Focus 6.
 
@@ -269,6 +269,8 @@ class _Reader:
         elif self.in_resection and derivation in SDR_FACES:
             values = self._values(line, text, SDR_RECORDS["09"])
             self.resection.append((line, derivation, values, self.target_height))
+        else:
+            self.source.leave_out(line, NOTES, text[4:].strip())
 
     def _drop_resection(self) -> None:
         """Leave out the readings of a resection that no station uses."""

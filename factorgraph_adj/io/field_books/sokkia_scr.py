@@ -19,7 +19,7 @@ from ...network.network import Network
 from ...units import FOOT, GON
 from ..format_reader import NetworkReader, Reader
 from ..numbers import PACKED_DEGREES
-from ..source import TextSource
+from ..source import NOTES, TextSource
 from ..text_files import file_beginning
 from .accuracies import DEFAULT_ACCURACIES, Accuracies
 from .field_book import FieldBook
@@ -196,8 +196,12 @@ class _Reader:
     def _instrument_or_note(self, line: int, text: str) -> None:
         """Verify the check sum of a record that is not read."""
         before, _, last = text.rpartition(",")
-        if _CHECK_SUM.fullmatch(last) and before != "":
+        summed = _CHECK_SUM.fullmatch(last) is not None and before != ""
+        if summed:
             self._verify(line, text)
+        if text.startswith("N,"):
+            note = (before if summed else text).removeprefix("N,").strip()
+            self.book.source.leave_out(line, NOTES, note)
 
     def _verify(self, line: int, text: str) -> None:
         stated, right = text[-2:], check_sums(text[:-2])

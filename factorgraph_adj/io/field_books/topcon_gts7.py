@@ -21,7 +21,7 @@ from ...units import FOOT, GON
 from ..format_options import option_text
 from ..format_reader import NetworkReader, Reader
 from ..numbers import PACKED_DEGREES
-from ..source import DERIVED_OBSERVATIONS, LeftOutReason, TextSource
+from ..source import DERIVED_OBSERVATIONS, NOTES, LeftOutReason, TextSource
 from ..text_files import file_beginning
 from .accuracies import DEFAULT_ACCURACIES, Accuracies
 from .field_book import FieldBook
@@ -207,6 +207,8 @@ class _Reader:
                 self.source.field(line, text.split()[0], "record").choice(words)
             return
         if found is None or word in UNREAD_RECORDS:
+            if found is not None and word == "NOTE":
+                self.source.leave_out(line, NOTES, (found["fields"] or "").strip())
             return
         if self.scales is None and word != "UNITS":
             what = f"record {word} before the units of the file (UNITS M,D)"

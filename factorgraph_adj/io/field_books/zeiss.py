@@ -50,7 +50,7 @@ MODIFIED = ("dx", "dy", "dz", "dl", "dq", "dr", "dc", "O")
 """Types of differences that programs of stake-out compute."""
 LOCAL = ("x", "y", "z", "n", "e")
 
-NOTES = LeftOutReason("texts", "they are notes, or name programs whose readings are read as others")
+TEXTS = LeftOutReason("texts", "they are notes, or name programs whose readings are read as others")
 LOCAL_COORDINATES = LeftOutReason(
     "local coordinates", "they refer to the instrument or to a line of the site"
 )
@@ -260,7 +260,7 @@ class _Reader:
         elif text == "POLAR":
             self.program = text
         elif text not in PROGRAMS:
-            self.source.leave_out(record.line, NOTES, text)
+            self.source.leave_out(record.line, TEXTS, text)
         if "th" in values:
             self.target_height = values["th"]
         if "Om" in values:
@@ -290,7 +290,7 @@ class _Reader:
         elif is_reading:
             self._reading(line, code, name, values)
         elif not values and code != "S":
-            self.source.leave_out(line, NOTES, record.text)
+            self.source.leave_out(line, TEXTS, record.text)
         else:
             self._coordinates(line, code, name, values)
 
