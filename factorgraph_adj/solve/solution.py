@@ -280,10 +280,7 @@ class Solution(Shown):
         return found
 
     def to_pandas(self) -> dict[str, pandas.DataFrame]:
-        """Return ``points``, ``photos``, ``unknowns`` and ``observations`` as data frames.
-
-        Columns and their units are those of `factorgraph_adj.export.formats.to_pandas`: metres,
-        radians, image units.
+        """Return ``points``, ``photos``, ``unknowns``, ``observations``: m, rad, image units.
 
         Raises:
             InputError, AdjustmentError: as `factorgraph_adj.export.formats.to_pandas`.

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.errors import similar
+from factorgraph_adj.errors import known, similar
 from factorgraph_adj.models.lens import BrownLens
-from factorgraph_adj.observations import FrameDistance, PhotoPosition
+from factorgraph_adj.observations import FrameDistance, PhotoPosition, SlopeDistance
 
 
 def tracker(name: str) -> fga.Network:
@@ -71,3 +71,15 @@ def test_a_drift_without_times_is_told_of_the_time() -> None:
     with pytest.raises(fga.DatumError) as error:
         fga.adjust(network)
     assert "`time` is 0 in those that leave it out" in str(error.value)
+
+
+def test_the_empty_name_of_a_default_is_not_listed() -> None:
+    network = fga.Network("photos")
+    for name in ("A", "B"):
+        network.add_point(name, (10.0 * (name == "B"), 0, 0), fixed="xyz" if name == "A" else "yz")
+    network.add(SlopeDistance("A", "B", 10.0, sigma=1e-3))
+    solution = fga.adjust(network)
+    assert "" in solution.equations.unknowns["photo_motion"].names
+    with pytest.raises(fga.InputError, match=r"unknown motion 'Q'; known: none$"):
+        solution.unknown("photo_motion", "Q")
+    assert known(["", "U1"]) == "U1"

@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from factorgraph_adj.errors import LeftOut
+from factorgraph_adj.io.source import NOTES
+from factorgraph_adj.network.network import Network
 from factorgraph_adj.units import GON
 from tests.hostile.examples import Example
 
@@ -261,3 +264,8 @@ EXAMPLE_FILES = {
         is_field_book=True,
     ),
 }
+
+
+def left_out_but_notes(network: Network) -> list[LeftOut]:
+    """Return what a network has left out, without the notes of its file."""
+    return [left for left in network.left_out if left.what != NOTES.what]

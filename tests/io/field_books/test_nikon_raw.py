@@ -12,7 +12,7 @@ from factorgraph_adj.io.readers import READERS
 from factorgraph_adj.observations import Direction
 from factorgraph_adj.units import FOOT, GON, US_SURVEY_FOOT
 from tests.hostile.examples import Example
-from tests.io.field_books.field_files import HEIGHT, HELD, KNOWN, TARGET, sights
+from tests.io.field_books.field_files import HEIGHT, HELD, KNOWN, TARGET, left_out_but_notes, sights
 
 HEAD = """\
 CO,Nikon RAW data format V2.00
@@ -117,7 +117,7 @@ def test_orientations_of_one_circle_are_one_set(tmp_path, orientation, expected)
 def test_an_orientation_without_the_name_of_a_target_is_left_out(tmp_path):
     text = HEAD + "ST,2,,,,1.450,0.0000,0.0000\nF1,,1.5,,0.0,100.0,10:10:00\n"
     network = read(tmp_path, text + "SS,3,1.500,60.000,100.0000,100.0000,10:20:00,\n")
-    assert [str(left) for left in network.left_out] == [
+    assert [str(left) for left in left_out_but_notes(network)] == [
         "sights: 1 left out, as neither they nor the station (ST) name a target: 2; "
         "first in book.raw:11"
     ]
@@ -131,7 +131,9 @@ def test_deleted_lines_are_left_out_and_other_sights_are_read(tmp_path):
     )
     network = read(tmp_path, text)
     assert [t for _, t, _ in directions(network)] == ["4", "5", "6"]
-    assert "1 left out, as they are switched off in the file: 3" in str(network.left_out[0])
+    assert "1 left out, as they are switched off in the file: 3" in str(
+        left_out_but_notes(network)[0]
+    )
 
 
 def test_an_instrument_without_stations_needs_their_names(tmp_path):

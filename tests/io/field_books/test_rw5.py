@@ -13,7 +13,7 @@ from factorgraph_adj.io.readers import READERS
 from factorgraph_adj.observations import Direction
 from factorgraph_adj.units import FOOT, GON, US_SURVEY_FOOT
 from tests.hostile.examples import Example
-from tests.io.field_books.field_files import HEIGHT, HELD, KNOWN, TARGET, sights
+from tests.io.field_books.field_files import HEIGHT, HELD, KNOWN, TARGET, left_out_but_notes, sights
 
 MODE = "MO,AD0,UN1,SF1.00000000,EC0,EO0.0,AU1\n"
 FEET = "MO,AD0,UN0,SF1.00000000,EC1,EO0.0,AU0\n"
@@ -178,7 +178,7 @@ def test_a_backsight_that_was_not_measured_has_no_zenith(tmp_path):
 def test_records_of_gnss_and_offsets_are_left_out_and_counted(tmp_path):
     gnss = "BP,PN9,LA47.25,LN9.37,EL452.5,AG0.0,--\nGPS,PN7,LA47.25,LN9.37,EL452.2,--\n"
     network = read(tmp_path, rw5() + gnss + "OF,AR90.0,ZE90.0,SD1.0\n")
-    assert [(left.what, left.count) for left in network.left_out] == [
+    assert [(left.what, left.count) for left in left_out_but_notes(network)] == [
         ("records of GNSS", 2),
         ("records", 1),
     ]
