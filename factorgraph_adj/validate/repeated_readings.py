@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from ..entities import REFRACTION_OF_THE_NETWORK
 from ..frames import MEAN_EARTH_RADIUS
 from ..network.network import Network
 from ..observations import Observation, Sight
@@ -227,6 +228,20 @@ def _elevations(network: Network) -> Iterator[tuple[Sight, float, float]]:
             yield some[0], np.pi / 2 - float(mean), part
 
 
+def _bends(network: Network, o: Observation) -> float:
+    """Return c − κ of a sight, c = 1 if the frame has the curvature of the Earth, else 0.
+
+    κ is that of its group where it is held or weighted, as field books state κ = k − 1 in a flat
+    frame; otherwise k of standard air in a frame with curvature, and 0 in a flat one.
+    """
+    curvature = 1.0 if getattr(network.frame, "curvature", True) else 0.0
+    group = getattr(o, "refraction", None) or REFRACTION_OF_THE_NETWORK
+    stated = network.of_kind("refraction").get(group)
+    if stated is None or not (all(stated.fixed) or np.isfinite(stated.sigma).all()):
+        return curvature * (1.0 - REFRACTION_OF_HEIGHTS)
+    return curvature - stated.values[0]
+
+
 def _heights(network: Network) -> Iterator[Finding]:
     """Height differences and horizontal distances from zenith angles forth and back."""
     lengths: dict[tuple[str, str, float, float], float] = {}
@@ -238,8 +253,7 @@ def _heights(network: Network) -> Iterator[Finding]:
         if s is None:
             continue
         bend = (s * np.cos(up)) ** 2 / (2 * MEAN_EARTH_RADIUS)
-        curved = getattr(network.frame, "curvature", True)
-        rise = s * np.sin(up) + ((1.0 - REFRACTION_OF_HEIGHTS) * bend if curved else 0.0)
+        rise = s * np.sin(up) + _bends(network, o) * bend
         rise += o.instrument_height - o.target_height
         sigma = float(
             np.hypot(s * np.cos(up) * part * reading_sigma(o, s), SIGMA_OF_REFRACTION * bend)

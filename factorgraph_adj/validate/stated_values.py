@@ -98,10 +98,15 @@ def _stated(equations: Equations) -> _Lines:
 
 
 def _distances(equations: Equations, state: State, lines: _Lines) -> Array:
-    """Return the horizontal distances of the ends, (n,) metres."""
+    """Return the horizontal distances of the ends, (n,) metres; NaN: an end has no place.
+
+    Points of levelling networks without a place in plan are at x = y = 0.
+    """
     start, end = (state["point"][lines.ends[:, i]] for i in (0, 1))
     enu = equations.network.frame.basis(start, np.zeros((len(start), 2))).enu
-    return np.asarray(np.hypot(*np.einsum("nij,nj->ni", enu, end - start)[:, :2].T))
+    apart = np.hypot(*np.einsum("nij,nj->ni", enu, end - start)[:, :2].T)
+    placed = start[:, :2].any(axis=1) & end[:, :2].any(axis=1)
+    return np.where(placed, apart, np.nan)
 
 
 def _ways_around(lines: _Lines) -> Array:

@@ -8,6 +8,7 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError, Problem
 from factorgraph_adj.observations import SlopeDistance, ZenithAngle
+from factorgraph_adj.simulation.measurement import measure
 
 INDEX = 3e-4
 """Index error, radians."""
@@ -41,6 +42,22 @@ def test_the_index_error_cancels_and_a_wrong_height_is_found(wrong: float) -> No
 
 def test_readings_in_one_face_may_have_any_index_error() -> None:
     assert not [f for f in fga.preliminary(sights(0.1, (1,))) if "forth and back" in f.what]
+
+
+@pytest.mark.parametrize("curvature", [False, True])
+def test_long_sights_forth_and_back_bend_as_the_network_says(curvature: bool) -> None:
+    """Over 1 km, error-free readings with k = 0.13: 2 (1 − k) d²/2R is 136 mm."""
+    network = fga.Network("long", frame=fga.LocalFrame(curvature))
+    network.add_point("A", (0.0, 0.0, 0.0), fixed="xyz")
+    network.add_point("B", (1000.0, 0.0, 30.0), fixed="xy")
+    network.set_refraction(value=0.13 if curvature else 0.13 - 1.0, fixed=True)
+    for a, b in (("A", "B"), ("B", "A")):
+        network.add(SlopeDistance(a, b, 1.0, sigma=0.002))
+        network.add(ZenithAngle(a, b, 1.5, sigma=1e-6))
+    read = measure(network, seed=1, noise=False)
+    assert not [f for f in fga.preliminary(read) if "forth and back" in f.what]
+    read.set_refraction(value=1.5, fixed=True)  # no sight bends so
+    assert [f for f in fga.preliminary(read) if "forth and back" in f.what]
 
 
 def test_a_long_list_stands_once_and_every_name_that_is_meant_stays() -> None:

@@ -88,6 +88,18 @@ def test_one_length_in_metres_is_told_without_coordinates(wrong):
     assert network.observations[str(wrong + 1)].label() in told and "in metres" in told
 
 
+def test_points_without_a_place_are_not_apart():
+    """One benchmark alone has coordinates in plan."""
+    network = levelling()
+    name = next(iter(network.points))
+    at = network.points[name].coordinates
+    network.points[name] = replace(
+        network.points[name], coordinates=(5_136_302.4, 52_100.0, at[2])
+    )
+    equations = compile_rows(network)
+    assert not wrong_line_lengths(equations, equations.unknowns.start())
+
+
 def test_long_ways_round_are_no_wrong_lengths():
     """Benchmarks 50 m apart, and a line of 4.5 km round the hill."""
     network = levelling(lengths={0: 0.05, 1: 0.05, 7: 4.5})
