@@ -296,7 +296,7 @@ def _oriented(
     )
     network.add_photo(rays.photo, rays.camera, position=tuple(pose[1].tolist()), rotation=pose[0])
     if rays.block.readout is not None and rays.photo in clean.network.of_kind("photo_motion"):
-        motion = clean.unknown("photo_motion", rays.photo).values
+        motion = np.asarray(clean.unknown("photo_motion", rays.photo).values).tolist()
         network.set_unknown("photo_motion", rays.photo, motion, fixed=True)
     network.add_image_points(rays.photo, rays.points, xy, sigma=rays.block.sigma)
     with suppress(AdjustmentError):
