@@ -93,9 +93,7 @@ def test_points_without_a_place_are_not_apart():
     network = levelling()
     name = next(iter(network.points))
     at = network.points[name].coordinates
-    network.points[name] = replace(
-        network.points[name], coordinates=(5_136_302.4, 52_100.0, at[2])
-    )
+    network.points[name] = replace(network.points[name], coordinates=(5_136_302.4, 52_100.0, at[2]))
     equations = compile_rows(network)
     assert not wrong_line_lengths(equations, equations.unknowns.start())
 
