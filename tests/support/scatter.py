@@ -30,6 +30,7 @@ from tests.networks.deformed_models import deformed_block
 from tests.networks.instruments import room_of
 from tests.networks.odometry import odometry
 from tests.networks.rigs import rig
+from tests.networks.rolling_drone import INTERVAL, flown
 from tests.networks.small_block import CENTRES, FOCAL, SIGMA_MM, box
 from tests.networks.small_block import plan as mixed
 from tests.networks.small_flight import EVERY, OFFSETS, TILTED, TURNS, Plan, plan_of
@@ -374,6 +375,17 @@ def bodies() -> fga.Network:
     return network
 
 
+def moving_photos() -> fga.Network:
+    """A strip of a rolling shutter; the motion of the second photo is tied to its neighbours."""
+    network = flown(3, 1, 60)
+    tie = ("F1", "F0", "F2", (0.0, 0.0, 0.0))
+    network.add(
+        o.PhotoShift(*tie, sigma=(0.5, 0.5, 0.5), interval=2.0 * INTERVAL),
+        o.PhotoTurn(*tie, sigma=(0.02, 0.02, 0.02), interval=2.0 * INTERVAL),
+    )
+    return network
+
+
 NETWORKS: dict[str, Callable[[], fga.Network]] = {
     "slope_distance": slope_distances,
     "horizontal_distance": horizontal_distances,
@@ -437,6 +449,7 @@ NETWORKS: dict[str, Callable[[], fga.Network]] = {
     ),
     **dict.fromkeys(("planar_vector", "heading_difference"), vehicles),
     "body_vector": bodies,
+    **dict.fromkeys(("photo_shift", "photo_turn"), moving_photos),
     "correlated": correlated_directions,
     "mixed": mixed,
 }
