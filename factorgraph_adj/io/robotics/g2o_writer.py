@@ -2,8 +2,8 @@
 
 The records are those of the reader: in space ``VERTEX_SE3:QUAT``, ``EDGE_SE3:QUAT``,
 ``VERTEX_TRACKXYZ``, ``EDGE_SE3_TRACKXYZ`` and ``EDGE_SE3_PRIOR``, in plan ``VERTEX_SE2``,
-``EDGE_SE2``, ``VERTEX_XY``, ``EDGE_SE2_XY`` and ``EDGE_PRIOR_SE2``, and ``FIX``. Matrices are
-informations of the error of g2o, T⁻¹ Σ T⁻ᵀ of the covariance Σ of the residuals.
+``EDGE_SE2``, ``VERTEX_XY``, ``EDGE_SE2_XY`` and ``EDGE_PRIOR_SE2``, and ``FIX`` at the end.
+Matrices are informations of the error of g2o, T⁻¹ Σ T⁻ᵀ of the covariance Σ of the residuals.
 """
 
 from __future__ import annotations
@@ -103,7 +103,8 @@ class _Writing:
         if not self.held and not self.observes_pose:
             what = "a free datum: hold a pose, as its readers hold the first one"
             self.refused.refuse(what, self.network.name)
-        return [*self.begun, *vertices, *(f"FIX {n}" for n in self.held), *edges]
+        # GTSAM reads no edge of a graph in plan after a FIX.
+        return [*self.begun, *vertices, *edges, *(f"FIX {n}" for n in self.held)]
 
     def _refuse_others(self) -> None:
         network, refused = self.network, self.refused

@@ -75,6 +75,19 @@ def test_gtsam_reads_the_optimum_that_is_written(tmp_path: Path) -> None:
     assert 2.0 * graph.error(values) == pytest.approx(solution.vtpv, rel=1e-4)
 
 
+@pytest.mark.parametrize("text", [PLAN + "FIX 1\nFIX 5\n", SPACE], ids=["plan", "space"])
+def test_gtsam_reads_all_edges_between_poses(tmp_path: Path, text: str) -> None:
+    """In plan it reads none behind a FIX; in space it reads the edges to landmarks as well."""
+    fga.write(read(tmp_path, text), tmp_path / "b.g2o")
+    words = [line.split()[0] for line in (tmp_path / "b.g2o").read_text().splitlines()]
+    in_space = text is SPACE
+    read_by_gtsam = ("EDGE_SE3:QUAT", "EDGE_SE3_TRACKXYZ") if in_space else ("EDGE_SE2",)
+    assert words.count("FIX") == (1 if in_space else 2)
+    graph, values = gtsam.readG2o(str(tmp_path / "b.g2o"), in_space)
+    assert graph.size() == sum(words.count(word) for word in read_by_gtsam) == 2
+    assert values.size() == sum(word.startswith("VERTEX") for word in words)
+
+
 def test_what_g2o_has_not_is_refused_all_at_once(tmp_path: Path) -> None:
     network = read(tmp_path, PLAN)
     network.add_point("tower", (0.0, 0.0, 5.0))
