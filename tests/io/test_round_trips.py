@@ -147,7 +147,7 @@ TRIPS = {
     "sinex": Trip(positions, "two.snx"),
     "dynaml": Trip(held_vectors, "network.xml"),
     "g2o": Trip(pose_graph, "around.g2o"),
-    "trajectory": Trip(trajectory, "path.tum", keeps="photos"),
+    "trajectory": Trip(trajectory, "path.tum", {"axes": "body"}, keeps="photos"),
     "gvx": Trip(
         vectors,
         "vectors.gvx",

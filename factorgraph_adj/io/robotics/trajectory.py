@@ -3,13 +3,16 @@
 TUM: ``time x y z qx qy qz qw`` in each row, seconds and metres, with blanks between; KITTI: the
 twelve numbers of the rows of (R, X), and the times in a file of their own; EuRoC: a table with
 commas, ``time x y z qw qx qy qz`` and further columns, nanoseconds. R leads from the axes of the
-camera or body to the world, X is its place there.
+camera or body to the world, X is its place there. Times are names of poses, decimal numbers of
+seconds with all digits of the file, because float64 resolves only 2e-7 s since 1970; numbers are
+their differences from the first one.
 """
 
 from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from decimal import Decimal
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -39,8 +42,15 @@ MAX_ROTATION_ERROR = 1e-3
 """Largest difference of the rows of a rotation from orthogonal unit vectors."""
 SECOND = " (2)"
 """End of the name of a pose with the time of the one before, as recorders write now and then."""
+LARGEST_TIME = 1e11
+"""Largest time, seconds: 1e11 milliseconds since 1970 were in 1973, so that no time of a computer
+in milliseconds or less is taken for seconds."""
+CAMERA = "camera"
+"""Name of the camera of poses with its axes; that of poses with the axes of a body is `BODY`, so
+that a writer finds the axes of the file."""
 RECOGNITION_ROWS = 3
 """Number of rows by which a trajectory is recognised."""
+_UNIT_OF_HEAD = re.compile(r"#\s*timestamp\s*\[([^\]]*)\]")
 EUROC_HEAD = re.compile(rb"#\s*timestamp[^\n]*p_RS_R_x[^\n]*q_RS_w")
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 
@@ -57,8 +67,11 @@ class TrajectoryRow:
     """Places of qw, qx, qy, qz; empty: the rows of (R, X)."""
     place: tuple[int, int, int] = (1, 2, 3)
     """Places of the coordinates."""
-    second: float = 1.0
-    """Seconds in the unit of times."""
+    time_unit: str = "seconds"
+    """Unit of times."""
+    decimals: int = 0
+    """Places by which the decimal point of a time is moved left for seconds; the time is a whole
+    number then."""
     further: int = 0
     """Largest number of further columns, which are not read."""
 
@@ -68,7 +81,8 @@ EUROC = TrajectoryRow(
     "EuRoC",
     ("time", "x", "y", "z", "qw", "qx", "qy", "qz"),
     quaternion=(4, 5, 6, 7),
-    second=1e-9,
+    time_unit="nanoseconds",
+    decimals=9,
     further=9,
 )
 KITTI = TrajectoryRow("KITTI", tuple(f"{a}{i}" for a in "xyz" for i in "123t"), place=(3, 7, 11))
@@ -108,8 +122,9 @@ def read_trajectory(
 ) -> Network:
     """Read a trajectory of TUM, KITTI or EuRoC as photos without image points.
 
-    A photo is named by the time of its pose as the file writes it, and by the number of its row
-    where there are no times. Without standard deviations the poses are start values; with them they
+    A photo is named by the time of its pose, seconds, with all digits of the file: those of EuRoC,
+    nanoseconds, have nine decimals (``1403715524.907143168``). Where there are no times it is named
+    by the number of its row. Without standard deviations the poses are start values; with them they
     are observed: a `PhotoPosition` and a `PhotoAttitude`, whose time counts seconds from the first
     pose. The formats have no standard deviations. Velocities and biases of EuRoC are not read.
 
@@ -121,14 +136,15 @@ def read_trajectory(
         times: file with the time of each row of KITTI, seconds.
         axes: axes of the poses: those of a camera (x right, y down, z forward), as in TUM and
             KITTI, or of a body, which are photogrammetric axes of the photo then, as ω, φ, κ are
-            of the file's own rotation.
+            of the file's own rotation. The camera of the photos is named ``camera`` or ``body``
+            by them: `write_trajectory` writes the same axes.
         sigma_m: standard deviation of each coordinate, metres.
         sigma_rad: standard deviation of a rotation about each axis of the body, radians.
 
     Raises:
         InputError: the file has problems, each with file and line: other numbers than those of a
             pose, a quaternion whose length is not 1, rows that are no rotation, a time that does
-            not grow.
+            not grow, or is beyond 1e11 s: in another unit than the format has.
     """
     if axes not in get_args(AxesChoice):
         raise InputError(f"axes must be one of {', '.join(get_args(AxesChoice))}, not {axes!r}")
@@ -138,13 +154,18 @@ def read_trajectory(
     source = TextSource(path)
     row = row_of_trajectory("\n".join(source.lines).encode()) or _by_width(source)
     network = Network(source.path.name)
-    network.add_camera(BODY, NoDistortion(), {"c": 1.0})
+    camera = CAMERA if axes == "camera" else BODY
+    network.add_camera(camera, NoDistortion(), {"c": 1.0})
     stated = None if times is None else _times(Path(times), source.problems)
     turn = np.eye(3) if axes == "camera" else TURN_ABOUT_X
-    first, before, n = None, -np.inf, 0
+    first: Decimal | None = None
+    before, n = Decimal("-Infinity"), 0
     again: list[str] = []
     for line, text in source.filled():
         if text.lstrip().startswith("#"):
+            unit = _UNIT_OF_HEAD.match(text.lstrip())
+            if row is EUROC and unit is not None and unit[1].strip() != "ns":
+                source.wrong(line, f"has times in [{unit[1][:40]}]; valid in EuRoC: ns")
             continue
         n += 1
         words = [w.strip() for w in text.split(",")] if row is EUROC else text.split()
@@ -153,7 +174,7 @@ def read_trajectory(
             continue
         name, time, rotation, place = pose
         if row is KITTI:
-            name, time = str(n - 1), 0.0
+            name, time = str(n - 1), Decimal(0)
             if stated is not None:
                 if n > len(stated):
                     continue
@@ -162,14 +183,14 @@ def read_trajectory(
             again.append(name)
             name += SECOND
         elif (row is not KITTI or stated is not None) and not time > before:
-            source.wrong(line, f"the time {name[:40]} does not grow: it follows {before:.9f} s")
+            source.wrong(line, f"the time {name[:40]} does not grow: it follows {before:f} s")
             continue
         before = time
         first = time if first is None else first
         with source.problems.collect(source.place(line)):
-            network.add_photo(name, BODY, position=place.tolist(), rotation=rotation @ turn)
+            network.add_photo(name, camera, position=place.tolist(), rotation=rotation @ turn)
             at = source.place(line)
-            since = time - first
+            since = float(time - first)
             if sigma_m is not None:
                 network.add(
                     PhotoPosition(
@@ -218,8 +239,8 @@ def _by_width(source: TextSource) -> TrajectoryRow:
 
 def _pose(
     source: TextSource, line: int, row: TrajectoryRow, words: list[str]
-) -> tuple[str, float, Array, Array] | None:
-    """Return name, time, rotation and place of a row; None after a problem."""
+) -> tuple[str, Decimal, Array, Array] | None:
+    """Return name, time in seconds, rotation and place of a row; None after a problem."""
     least = len(row.values)
     if not least <= len(words) <= least + row.further:
         what = f"has {len(words)} numbers; valid in {row.name}: {least}, {', '.join(row.values)}"
@@ -230,10 +251,20 @@ def _pose(
         for w, what in zip(words, row.values, strict=False)
         if what != "time"
     ]
-    time = 0.0
+    name, time = words[0], Decimal(0)
     if row.values[0] == "time":
-        time = source.field(line, words[0], "time").number(scale=row.second, largest=1e19)
-        numbers.insert(0, time)
+        largest = LARGEST_TIME * 10**row.decimals
+        what = f"time in {row.time_unit}"
+        numbers.insert(0, source.field(line, name, what).number(largest=largest))
+        if is_unread(numbers[0]):
+            return None
+        time = decimal_time(name)
+        if row.decimals:
+            if time != time.to_integral_value():
+                source.wrong(line, f"{what} must be a whole number, not {name[:40]}")
+                return None
+            time = time.scaleb(-row.decimals)
+            name = f"{time:.{row.decimals}f}"
     if is_unread(*numbers):
         return None
     values = np.array(numbers)
@@ -242,7 +273,7 @@ def _pose(
         what = "its quaternion has not the length 1" if row.quaternion else "is no rotation"
         source.wrong(line, f"{what}, see the grammar of {row.name}")
         return None
-    return words[0], time, rotation, values[list(row.place)]
+    return name, time, rotation, values[list(row.place)]
 
 
 def _rotation(row: TrajectoryRow, values: Array) -> Array | None:
@@ -260,15 +291,19 @@ def _rotation(row: TrajectoryRow, values: Array) -> Array | None:
     return nearest_rotation(matrix) if np.linalg.det(matrix) > 0 else None
 
 
-def _times(path: Path, problems: Problems) -> list[tuple[str, float]]:
+def decimal_time(text: str) -> Decimal:
+    """Return a number of a file with all its digits, whose exponent may be that of Fortran."""
+    return Decimal(text.strip().lower().replace("d", "e"))
+
+
+def _times(path: Path, problems: Problems) -> list[tuple[str, Decimal]]:
     """Return the times of a file, one a line: text and seconds."""
-    source = TextSource(path, problems)
-    found = [
-        (text.strip(), source.field(line, text, "time").number(largest=1e19))
-        for line, text in source.filled()
-    ]
+    source, texts = TextSource(path, problems), list[str]()
+    for line, text in source.filled():
+        source.field(line, text, "time in seconds").number(largest=LARGEST_TIME)
+        texts.append(text.strip())
     source.raise_all()
-    return found
+    return [(text, decimal_time(text)) for text in texts]
 
 
 READER = Reader(

@@ -7,6 +7,7 @@ from pathlib import Path
 import gtsam
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
@@ -116,7 +117,9 @@ def test_a_trajectory_of_a_graph_in_plan_and_of_kitti(tmp_path: Path) -> None:
     space = read(tmp_path, SPACE)
     fga.write(space, tmp_path / "b.txt", format="trajectory", rows="KITTI")
     rows = np.loadtxt(tmp_path / "b.txt").reshape(-1, 3, 4)
-    assert np.allclose(rows[1, :, :3], space.photos["1"].rotation) and len(rows) == 2
+    assert len(rows) == 2
+    turned = Rotation.from_quat([0, 0, 0.28, 0.96]).as_matrix()  # that of the graph, as it is
+    assert np.allclose(rows[1, :, :3], turned)
 
 
 def test_names_that_are_no_times_are_refused(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.io.robotics.trajectory import is_trajectory, read_trajectory
+from factorgraph_adj.models.lens import NoDistortion
 from tests.hostile.examples import Example
 
 TUM = """\
@@ -68,11 +69,65 @@ def test_poses_of_euroc_have_another_order_and_unit(tmp_path: Path) -> None:
     path = write(tmp_path, EUROC, "data.csv")
     network = fga.read(path, axes="body", sigma_m=0.02, sigma_rad=0.001)
     values = np.array(EUROC.splitlines()[2].split(","), dtype=float)
-    photo = network.photos["1403715524912143104"]
+    photo = network.photos["1403715524.912143104"]
     expected = Rotation.from_quat(np.roll(values[4:8], -1)).as_matrix()
     np.testing.assert_allclose(photo.rotation @ np.diag([1, -1, -1]), expected, atol=1e-5)
     times = [o.time for o in network.observations.values()]
-    assert times == pytest.approx([0.0, 0.0, 0.005, 0.005], abs=1e-6)
+    assert times == [0.0, 0.0, 0.004999936, 0.004999936]
+
+
+def test_nanoseconds_become_seconds_without_loss_of_a_digit(tmp_path: Path) -> None:
+    """Two poses 60 ns apart, of which float64 makes the same second."""
+    text = EUROC.replace("24912143104", "24907143228")
+    network = fga.read(write(tmp_path, text, "data.csv"), axes="body", sigma_m=0.02)
+    names = ["1403715524.907143168", "1403715524.907143228"]
+    assert list(network.photos) == names and float(names[0]) == float(names[1])
+    assert [o.time for o in network.observations.values()] == [0.0, 60e-9]
+    fga.write(network, tmp_path / "path.tum")
+    rows = (tmp_path / "path.tum").read_text().splitlines()
+    assert [row.split()[0] for row in rows] == names
+    again = fga.read(tmp_path / "path.tum", axes="body", sigma_m=0.02)
+    assert [o.time for o in again.observations.values()] == [0.0, 60e-9]
+
+
+@pytest.mark.parametrize("axes", ["camera", "body"])
+@pytest.mark.parametrize("rows", ["TUM", "KITTI"])
+def test_the_axes_that_were_read_are_written(tmp_path: Path, axes: str, rows: str) -> None:
+    """Also those of an adjusted network, and of one that was a project in between."""
+    names = {"TUM": TUM, "KITTI": KITTI}
+    path = write(tmp_path, names[rows])
+    given = [line.split() for line in names[rows].splitlines() if not line.startswith("#")]
+    network = fga.read(path, axes=axes, sigma_m=0.02, sigma_rad=0.01)
+    fga.write(network, tmp_path / "p" / "project.toml")
+    for written in (network, fga.adjust(network), fga.read(tmp_path / "p" / "project.toml")):
+        fga.write(written, tmp_path / "b.txt", format="trajectory", rows=rows)
+        found = [line.split() for line in (tmp_path / "b.txt").read_text().splitlines()]
+        values, expected = np.array(found, dtype=float), np.array(given, dtype=float)
+        if rows == "TUM":
+            values[:, 4:] *= np.sign(values[:, 7:] * expected[:, 7:])
+        np.testing.assert_allclose(values, expected, rtol=0, atol=2e-6)
+
+
+def test_axes_of_both_sorts_are_written_if_the_option_says_which(tmp_path: Path) -> None:
+    network = fga.read(write(tmp_path, TUM), axes="body")
+    network.add_camera("lens", NoDistortion(), {"c": 1.0})
+    rotation = np.eye(3)
+    network.add_photo("1305031103", "lens", position=(0, 0, 0), rotation=rotation)
+    with pytest.raises(InputError, match="beside those of a body without the option axes"):
+        fga.write(network, tmp_path / "b.tum")
+    assert not (tmp_path / "b.tum").exists()
+    fga.write(network, tmp_path / "b.tum", axes="camera")
+    last = (tmp_path / "b.tum").read_text().splitlines()[-1].split()
+    assert [float(x) for x in last[4:]] == [0.0, 0.0, 0.0, 1.0]
+
+
+@pytest.mark.parametrize("name", ["1403715524907143168", "1403715524907"])
+def test_names_in_other_units_are_no_seconds(tmp_path: Path, name: str) -> None:
+    network = fga.Network("path")
+    network.add_camera("body", NoDistortion(), {"c": 1.0})
+    network.add_photo(name, "body", position=(0, 0, 0), rotation=np.eye(3))
+    with pytest.raises(InputError, match="name is no time in seconds"):
+        fga.write(network, tmp_path / "b.tum")
 
 
 def test_rows_of_kitti_are_rotations_and_places_with_times_of_another_file(tmp_path: Path) -> None:
@@ -114,6 +169,15 @@ def test_observed_poses_are_adjusted(tmp_path: Path) -> None:
         (TUM.replace("1102.226738", "1102.184330"), r"a\.txt:4: the time .* does not grow"),
         (KITTI.replace("0.6 -0.8", "0.6 0.8"), r"a\.txt:1: is no rotation, see the grammar of KIT"),
         ("# nothing\n", r"has no poses"),
+        (
+            TUM.replace("1305031102.", "1305031102"),
+            r"a\.txt:2: time in seconds must be at most 1e\+11, not 1305031102160407",
+        ),
+        (EUROC.replace("524912143104,", "524.912143104,"), r"a\.txt:3: .* must be a whole number"),
+        (
+            EUROC.replace("timestamp,", "timestamp [s],"),
+            r"a\.txt:1: has times in \[s\]; valid .* ns",
+        ),
     ],
 )
 def test_files_that_are_wrong(tmp_path: Path, text: str, message: str) -> None:
