@@ -20,6 +20,21 @@ from ..rotation import omega_phi_kappa
 from ..types import Array
 
 
+def kind_and_name(variable: object) -> tuple[VariableKind, str]:
+    """Return a variable that is given as a pair.
+
+    Raises:
+        InputError: it is something else, such as a name alone.
+    """
+    match variable:
+        case (str() as kind, str() as name):
+            return kind, name
+    raise InputError(
+        f"a variable is a pair of kind and name, such as ('point', 'P1'), not {variable!r}; two "
+        "variables are two pairs"
+    )
+
+
 def network_with_values(network: Network, unknowns: Unknowns, state: State) -> Network:
     """Return a network with the values of a state as given values; what is held stays held.
 

@@ -30,6 +30,7 @@ from .estimates import (
     ObservationTable,
     PoseEstimate,
     estimate,
+    kind_and_name,
     network_with_values,
 )
 from .factorisation import Factorisation
@@ -333,21 +334,19 @@ class Solution(Shown):
     def variable_covariance(
         self, a: tuple[VariableKind, str], b: tuple[VariableKind, str] | None = None
     ) -> Array:
-        """Return the covariance between any two variables, by kind and name.
+        """Return the covariance of two variables, pairs of kind and name; InputError for others.
 
         It is that of steps of the tangent: of a rotation R ← R Exp(ω), ω about the turned axes.
         """
+        a, b = kind_and_name(a), kind_and_name(a if b is None else b)
         columns_a, size_a, rows_a = self._columns(*a)
-        columns_b, size_b, rows_b = (columns_a, size_a, rows_a) if b is None else self._columns(*b)
+        columns_b, size_b, rows_b = self._columns(*b)
         out = np.zeros((size_a, size_b))
         if len(columns_a) and len(columns_b):
-            if b is None or a == b:
-                block = self._own(a[0], self.number(*a), columns_a)
-            else:
-                block = self._cross(columns_a, columns_b)
+            block = self._own(*a, columns_a) if a == b else self._cross(columns_a, columns_b)
             out[np.ix_(rows_a, rows_b)] = block
         if self.reference is not None:
-            out = self.reference.transformed(out, a, a if b is None else b)
+            out = self.reference.transformed(out, a, b)
         return out * self.variance_factor
 
     def normal(self) -> NormalEquations:
@@ -419,8 +418,9 @@ class Solution(Shown):
         place = np.cumsum(self.factor.layers.reduced) - 1
         return self.factor.point_covariances(), place
 
-    def _own(self, kind: VariableKind, number: int, columns: Index) -> Array:
+    def _own(self, kind: VariableKind, name: str, columns: Index) -> Array:
         """Return the cofactor of one variable, from the selected inverse if digits suffice."""
+        number = self.number(kind, name)
         if kind == "point" and self.factor.layers.reduced[number]:
             every, place = self._reduced
             block = every[place[number]]
