@@ -38,7 +38,7 @@ from ..photogrammetry.colmap_cameras import CAMERA_MODEL_BY_NAME
 from ..photogrammetry.opencv_storage import yaml_mapping
 from ..source import Field, Problems, is_unread
 from ..text_files import read_text
-from .pose_graph import BODY
+from .trajectory import CAMERA
 
 INERTIAL_UNIT = "imu"
 """Name of the inertial unit, which carries the cameras."""
@@ -216,8 +216,8 @@ def _chain(network: Network, members: dict[str, _Value], problems: Problems, fre
         if lost:
             return
     if carrier == INERTIAL_UNIT:
-        network.add_camera(BODY, NoDistortion(), {"c": 1.0})
-        network.add_photo(carrier, BODY, position=(0, 0, 0), rotation=np.eye(3), fixed=True)
+        network.add_camera(CAMERA, NoDistortion(), {"c": 1.0})
+        network.add_photo(carrier, CAMERA, position=(0, 0, 0), rotation=np.eye(3), fixed=True)
     else:
         network.add_photo(carrier, carrier, position=(0, 0, 0), rotation=np.eye(3), fixed=True)
     for name in (n for n in names if n != carrier):
