@@ -70,7 +70,11 @@ def is_misled(search: SnoopingSearch, found: Snooping) -> bool:
         found: its result.
     """
     stays = {u.id for u in found.unresolved if abs(u.test) > MAX_LINEAR_TEST_VALUE}
-    gone = {r.id for r in found.rejected if abs(r.test) > MAX_LINEAR_TEST_VALUE}
+    gone = {
+        r.id
+        for r in found.rejected
+        if any(abs(c.test) > MAX_LINEAR_TEST_VALUE for c in search.components[r.id])
+    }
     if not stays and len(gone) < 2:
         return False
     ends = _ends(search)

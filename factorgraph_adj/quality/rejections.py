@@ -48,16 +48,21 @@ MAX_POINT_CHANGE_SIGMAS = 10.0
 
 @dataclass(frozen=True)
 class Rejected:
-    """An observation that was rejected."""
+    """An observation that was rejected, with the component that misfits most.
+
+    It is that of the largest ``final_test``: where gross errors bend the adjustment, another may
+    have the largest test value. Where the clean solution does not determine the observation, it is
+    that of the largest ``test``.
+    """
 
     id: str
     """Id of the observation."""
     kind: str
     """Kind of the observation."""
     label: str
-    """Readable name with the component of the largest test value, and the source."""
+    """Readable name with the component, and the source."""
     component: str
-    """Component with the largest test value, empty for scalar kinds."""
+    """The component, empty for scalar kinds."""
     test: float
     """Test value of the component, w or τ, in the adjustment with the observation."""
     estimated_error: float

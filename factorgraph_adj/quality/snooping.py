@@ -106,7 +106,8 @@ def clean_search(
     search.start = moved.origin["point"]
     for ident in start.doubtful:
         if ident not in of_points:
-            search.aside[ident], search.place[ident] = _rejected(equations, ident, v, raw)
+            search.components[ident] = every = _components(equations, ident, v, raw)
+            search.aside[ident] = max(every, key=lambda r: abs(r.test))
     for name, own in rays.items():
         rows = np.concatenate(equations.find(own))
         worst = int(rows[np.argmax(np.abs(v[rows]))])
@@ -117,27 +118,19 @@ def clean_search(
     return search
 
 
-def _rejected(equations: Equations, ident: str, v: Array, raw: Array) -> tuple[Rejected, int]:
-    """Return an observation that does not agree with the start, and its worst component."""
+def _components(equations: Equations, ident: str, v: Array, raw: Array) -> tuple[Rejected, ...]:
+    """Return all components of an observation that does not agree with the start."""
     (rows,) = equations.find([ident])
-    place = int(np.argmax(np.abs(v[rows])))
-    row = int(rows[place])
+    block = next(b for b in equations.blocks if b.rows.start <= rows[0] < b.rows.stop)
     nan = float("nan")
-    block = next(b for b in equations.blocks if b.rows.start <= row < b.rows.stop)
-    found = Rejected(
-        ident,
-        block.kind,
-        equations.label(row),
-        block.components[place],
-        float(v[row]),
-        float(-raw[row]),
-        0,
-        nan,
-        nan,
-        nan,
-        (),
+    return tuple(
+        Rejected(
+            *(ident, block.kind, equations.label(int(row)), component),
+            *(float(v[row]), float(-raw[row]), 0, nan, nan, nan),
+            (),
+        )
+        for row, component in zip(rows, block.components, strict=True)
     )
-    return found, place
 
 
 def _lost_points(network: Network, start: Start) -> tuple[str, ...]:

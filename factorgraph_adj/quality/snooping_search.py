@@ -75,8 +75,8 @@ class SnoopingSearch:
         self.points: dict[str, RejectedPoint] = {}
         self.readmitted: list[str] = []
         self.stuck: dict[str, str] = {}
-        self.place: dict[str, int] = {}
-        """Component with the largest test value, by id of the rejected observation."""
+        self.components: dict[str, tuple[Rejected, ...]] = {}
+        """All components of the rejected observations, by id."""
         self.coordinates: dict[str, Array] = {}
         """Coordinates of each removed point at its removal, (3,) metres."""
         self.rounds: list[Round] = []
@@ -104,7 +104,7 @@ class SnoopingSearch:
         sigma0, size = self.solution.sigma0, RowGroups.of(self.solution.equations).largest(values)
         gone = 0
         while chosen and not gone:
-            gone = self._set_aside(chosen, 0)
+            gone = self._set_aside(chosen, 0, values)
             chosen = chosen[: len(chosen) // 2]
         if not gone:
             failure = self._adjust((), ())
@@ -207,9 +207,11 @@ class SnoopingSearch:
     def _choice(self, share: float) -> Choice:
         return self.present.choice(share, self.stuck)
 
-    def _set_aside(self, chosen: Sequence[Outlier], number: int) -> int:
+    def _set_aside(self, chosen: Sequence[Outlier], number: int, tests: Array | None = None) -> int:
         """Adjust without the chosen outliers; return the number removed, 0 after a failure."""
-        aside = {r.id: r for c in chosen if c.point is None for r in [self._rejected(c, number)]}
+        tests = self.present.values if tests is None else tests
+        alone = [self._rejected(c, number, tests) for c in chosen if c.point is None]
+        aside = {r.id: r for r in alone}
         lost = {p.name: p for c in chosen if c.point is not None for p in [self._point(c, number)]}
         points = [*self.points, *lost]
         failure = None
@@ -263,23 +265,21 @@ class SnoopingSearch:
         self.present = SnoopingState(rel, self.test)
         return None
 
-    def _rejected(self, c: Outlier, number: int) -> Rejected:
-        equations = self.solution.equations
-        label, record = equations.label, self.solution.observations[c.row]
-        self.place[record.id] = c.row - int(RowGroups.of(equations).first[c.unit])
-        return Rejected(
-            record.id,
-            record.kind,
-            label(c.row),
-            record.component,
-            c.test,
-            float(self.present.tested.estimated_errors[c.row]),
-            number,
-            np.nan,
-            np.nan,
-            np.nan,
-            tuple((label(row), rho) for row, rho in c.inseparable),
+    def _rejected(self, c: Outlier, number: int, tests: Array) -> Rejected:
+        equations, nan = self.solution.equations, float("nan")
+        inseparable = tuple((equations.label(row), rho) for row, rho in c.inseparable)
+        errors, rows = self.present.tested.estimated_errors, RowGroups.of(equations).rows(c.unit)
+        every = tuple(
+            Rejected(
+                *(record.id, record.kind, equations.label(row), record.component),
+                *(float(tests[row]), float(errors[row]), number, nan, nan, nan),
+                inseparable,
+            )
+            for row in rows.tolist()
+            for record in [self.solution.observations[row]]
         )
+        self.components[every[0].id] = every
+        return every[c.row - int(rows[0])]
 
     def _point(self, c: Outlier, number: int) -> RejectedPoint:
         equations = self.solution.equations
@@ -452,9 +452,12 @@ class SnoopingSearch:
         test, _ = self._if_put_back(prediction)
         out = dict(self.aside)
         for number, ident in enumerate(prediction.ids):
-            at = int(prediction.first[number]) + self.place[ident]
+            first, size = int(prediction.first[number]), int(prediction.size[number])
+            # Gross errors bend the adjustment with them; the clean one tells components apart.
+            place = int(descending(np.nan_to_num(np.abs(test[first : first + size])))[0])
+            at = first + place
             out[ident] = replace(
-                out[ident],
+                self.components[ident][place],
                 final_error=-float(prediction.innovation[at]),
                 final_sigma=float(prediction.sigma[at]),
                 final_test=float(test[at]),
