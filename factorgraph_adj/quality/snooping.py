@@ -52,9 +52,10 @@ from .misleading_readings import (
     start_at_approximate_values,
     start_without_exchanges,
 )
-from .rejections import Rejected, RejectedPoint, Round, Snooping, Test
+from .rejections import RejectedPoint, Round, Snooping, Test
 from .robust_estimation import ESTIMATORS, Estimator, robust_adjust
 from .snooping_search import CannotSettle, SnoopingSearch
+from .snooping_state import rejected_components
 
 LOST_POINT_REASON = "fewer than two of its rays agree with the others"
 """Reason that a point is removed at the start."""
@@ -106,7 +107,8 @@ def clean_search(
     search.start = moved.origin["point"]
     for ident in start.doubtful:
         if ident not in of_points:
-            search.components[ident] = every = _components(equations, ident, v, raw)
+            every = rejected_components(equations, equations.find([ident])[0], v, -raw, 0)
+            search.components[ident] = every
             search.aside[ident] = max(every, key=lambda r: abs(r.test))
     for name, own in rays.items():
         rows = np.concatenate(equations.find(own))
@@ -116,21 +118,6 @@ def clean_search(
         label = equations.label(worst)
         search.points[name] = RejectedPoint(name, own, label, float(v[worst]), 0, LOST_POINT_REASON)
     return search
-
-
-def _components(equations: Equations, ident: str, v: Array, raw: Array) -> tuple[Rejected, ...]:
-    """Return all components of an observation that does not agree with the start."""
-    (rows,) = equations.find([ident])
-    block = next(b for b in equations.blocks if b.rows.start <= rows[0] < b.rows.stop)
-    nan = float("nan")
-    return tuple(
-        Rejected(
-            *(ident, block.kind, equations.label(int(row)), component),
-            *(float(v[row]), float(-raw[row]), 0, nan, nan, nan),
-            (),
-        )
-        for row, component in zip(rows, block.components, strict=True)
-    )
 
 
 def _lost_points(network: Network, start: Start) -> tuple[str, ...]:

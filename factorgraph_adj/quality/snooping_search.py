@@ -28,7 +28,7 @@ from .prediction import Prediction, Predictor
 from .rejections import Rejected, RejectedFactor, RejectedPoint, Round, Snooping, Test, Unresolved
 from .reliability import Reliability, critical_tau, reliability
 from .snooping_candidates import Choice, Outlier, RowGroups, choose_outliers, stated_conditions
-from .snooping_state import FactorSearch, SnoopingState
+from .snooping_state import FactorSearch, SnoopingState, rejected_components
 
 
 class CannotSettle(Exception):
@@ -266,18 +266,10 @@ class SnoopingSearch:
         return None
 
     def _rejected(self, c: Outlier, number: int, tests: Array) -> Rejected:
-        equations, nan = self.solution.equations, float("nan")
+        equations, errors = self.solution.equations, self.present.tested.estimated_errors
         inseparable = tuple((equations.label(row), rho) for row, rho in c.inseparable)
-        errors, rows = self.present.tested.estimated_errors, RowGroups.of(equations).rows(c.unit)
-        every = tuple(
-            Rejected(
-                *(record.id, record.kind, equations.label(row), record.component),
-                *(float(tests[row]), float(errors[row]), number, nan, nan, nan),
-                inseparable,
-            )
-            for row in rows.tolist()
-            for record in [self.solution.observations[row]]
-        )
+        rows = RowGroups.of(equations).rows(c.unit)
+        every = rejected_components(equations, rows, tests, errors, number, inseparable)
         self.components[every[0].id] = every
         return every[c.row - int(rows[0])]
 

@@ -27,6 +27,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..errors import AdjustmentError, InputError
+from ..graph.equations import Equations
 from ..network.network import DatumChoice
 from ..solve.added_factors import AddedFactors
 from ..solve.low_rank_update import SolvedCofactors, Update
@@ -36,7 +37,7 @@ from ..statistical_tests import chi2_quantile, fisher_quantile
 from ..types import Array, Index, Mask
 from .error_effects import residual_response, weight_diagonal, weighted_rows
 from .group_tests import FactorReliability, least_share
-from .rejections import RejectedFactor, Test, Unresolved
+from .rejections import Rejected, RejectedFactor, Test, Unresolved
 from .reliability import Reliability, correlations_of_tests, critical_tau, reliability
 from .snooping_candidates import Choice, Outlier, RowGroups, choose_outliers
 
@@ -373,3 +374,32 @@ class SnoopingState:
         """Return the numbers of the observations with these rows."""
         number = self.solution.equations.observation_of_row
         return [int(n) for n in number[rows]]
+
+
+def rejected_components(
+    equations: Equations,
+    rows: Index,
+    tests: Array,
+    errors: Array,
+    number: int,
+    inseparable: tuple[tuple[str, float], ...] = (),
+) -> tuple[Rejected, ...]:
+    """Return all components of an observation that a round rejects, without final figures.
+
+    Args:
+        equations: the equations that contain the observation.
+        rows: its rows, (d,).
+        tests: test values of all rows, (n,).
+        errors: their estimated gross errors, (n,).
+        number: number of the round.
+        inseparable: labels of inseparable observations, with the correlations.
+    """
+    nan, out = float("nan"), []
+    for row in rows.tolist():
+        block = next(b for b in equations.blocks if b.rows.start <= row < b.rows.stop)
+        i, place = divmod(row - block.first_row, block.dimension)
+        figures = float(tests[row]), float(errors[row])
+        name, component = equations.label(row), block.component(i, place)
+        start = block.ids[i], block.kind, name, component
+        out.append(Rejected(*start, *figures, number, nan, nan, nan, inseparable))
+    return tuple(out)

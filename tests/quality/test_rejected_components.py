@@ -9,12 +9,13 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.observations import ControlPoint, GnssVector, Observation
+from factorgraph_adj.quality.robust_estimation import Estimator
 from factorgraph_adj.report.rejected_observations import set_aside
 from factorgraph_adj.types import Array
 
 SIGMA = 0.003
 OFF = {"o1": (0.5, 0.7, 0.0), "o2": (0.0, 1.0, 0.0)}
-"""Gross errors. With o2 in the adjustment, y of o1 misfits by less than x, which is nearly right."""
+"""Gross errors. With o2 in the adjustment, y of o1 misfits by less than its x."""
 
 
 def vector(ident: str, at: Array, covariance: Array) -> Observation:
@@ -29,7 +30,7 @@ def control(ident: str, at: Array, covariance: Array) -> Observation:
 @pytest.mark.parametrize("correlation", [0.0, 0.3])
 @pytest.mark.parametrize("robust", [None, "huber"])
 def test_the_component_is_that_which_misfits_the_clean_solution(
-    kind: Callable[[str, Array, Array], Observation], correlation: float, robust: str | None
+    kind: Callable[[str, Array, Array], Observation], correlation: float, robust: Estimator | None
 ) -> None:
     rng, network = np.random.default_rng(5), fga.Network("repeated")
     network.add_point("A", (0, 0, 0), fixed="xyz")
