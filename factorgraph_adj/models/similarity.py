@@ -75,6 +75,12 @@ def _mean(x: Array, weights: Array | None) -> Array:
     return np.asarray(x.mean(axis=0) if weights is None else weights @ x / weights.sum())
 
 
+def near_median(x: Array, most: float) -> Array:
+    """Return the places (n, 3) near their median: x and y differ by ``most``; all if none are."""
+    near = np.abs(x[:, :2] - np.median(x[:, :2], axis=0)).max(axis=1) <= most
+    return x[near] if near.any() else x
+
+
 def extent_ratio(x: Array) -> float:
     """Return the second extent of places (n, d) along principal axes, relative to the first.
 

@@ -40,6 +40,7 @@ from .colmap_reference import (
     keypoint_scales,
     mark_rays,
     ray_intersection,
+    similarity_of_points,
 )
 from .colmap_text_files import read_text_model
 from .ground_control import BlockReference, read_block_reference, similarity_or_problem
@@ -312,6 +313,8 @@ class _Assembly:
         block, there = np.array(x).reshape(-1, 3), np.array(to).reshape(-1, 3)
         if reference is not None:
             reference.refuse_exchanged_order(block, there)
+            if similarity_of_points(block, there) is None:
+                reference.refuse_places_apart(block, there)
         return similarity_or_problem(block, there, "colmap")
 
     # -- cameras and photos -------------------------------------------------------------------

@@ -34,7 +34,7 @@ import numpy as np
 from ...crs.reference_system import ReferenceSystem
 from ...errors import InputError, Problem
 from ...frames import TopocentricFrame
-from ...models.similarity import extent_ratio, fit_similarity, reduced
+from ...models.similarity import extent_ratio, fit_similarity, near_median, reduced
 from ...types import Array
 from ..format_options import option_text
 from ..source import LeftOutReason, Problems, TextSource, is_unread
@@ -69,6 +69,8 @@ COLUMN_NAMES = {
 """Names of columns in small letters, by what they are."""
 MAX_DISTANCE_FROM_FRAME_M = 100e3
 """Largest level distance of a listed place from the origin of the frame of its block, metres."""
+METRES_OF_DEGREE = 111e3
+"""Length of a degree of latitude, metres, roughly."""
 MIN_PLACES_OF_ORDER = 4
 """Smallest number of places that show an exchange: three fit a mirror image, too."""
 MIN_MISFIT_OF_ORDER = 1e-3
@@ -117,15 +119,16 @@ class ListSystem:
     """The projected system; None: longitude and latitude of WGS84, degrees."""
 
     def frame(self, places: Array) -> TopocentricFrame:
-        """Return a topocentric frame in the middle of places (n, 3).
+        """Return a topocentric frame in the middle of places (n, 3), but for those far off.
 
         Raises:
             InputError: a latitude or longitude is none.
         """
         if self.grid is not None:
-            return self.grid.frame_at(places)
+            return self.grid.frame_at(near_median(places, MAX_DISTANCE_FROM_FRAME_M))
         for place in places:
             self._check(place)
+        places = near_median(places, MAX_DISTANCE_FROM_FRAME_M / METRES_OF_DEGREE)
         at = (places.min(axis=0) + places.max(axis=0)) / 2.0
         longitude, latitude = (math.radians(round(float(v), 6)) for v in at[:2])
         return TopocentricFrame(latitude, longitude, float(round(at[2])), "WGS84")

@@ -116,6 +116,63 @@ class BlockReference:
         if problems:
             raise InputError(problems)
 
+    def refuse_places_apart(self, block: Array, listed: Array) -> None:
+        """Refuse places that are far from the others in their lists, but not in the block.
+
+        Args:
+            block: places in the block, of photos with positions first, then of control, (n, 3).
+            listed: the same places in the frame, (n, 3).
+
+        Raises:
+            InputError: names the positions, or the distance of all positions from the control.
+        """
+        first = len(self.priors)
+        if 0 < first < len(block):
+            there, here = (_distance_of_parts(x, first) for x in (listed, block))
+            if there[1] > MIN_RATIO_APART * max(here[1], 1.0):
+                away = f"positions of photos lie {there[0] / 1e3:.3g} km from the control points"
+                raise InputError(
+                    Problem(
+                        f"{away}, {there[1]:.0f} times the extent of both (in the model "
+                        f"{here[1]:.2g} times); valid: the same area, each list in the system "
+                        "and zone that it names",
+                        getattr(self.listed_positions, "where", ""),
+                    )
+                )
+        there, here = (
+            np.linalg.norm(x[:first] - np.median(x[:first], axis=0), axis=1)
+            for x in (listed, block)
+        )
+        usual = [np.median(d) if first else 0.0 for d in (there, here)]
+        if not min(usual) > 0:
+            return
+        far = there / usual[0] > MIN_RATIO_APART * np.maximum(here / usual[1], 1.0)
+        problems = [
+            Problem(
+                f"position of image {prior.photo!r} lies {d / 1e3:.3g} km from the middle of the "
+                "positions, where the model has it among the others",
+                prior.where,
+            )
+            for prior, d, bad in zip(self.priors, there, far, strict=True)
+            if bad
+        ]
+        if problems:
+            raise InputError(problems)
+
+
+MIN_RATIO_APART = 20.0
+"""How many times farther places must be from others in a list than in the block, in extents."""
+
+
+def _distance_of_parts(x: Array, first: int) -> tuple[float, float]:
+    """Return the distance between the medians of two parts, and its ratio to their extent."""
+    parts = x[:first], x[first:]
+    middles = [np.median(part, axis=0) for part in parts]
+    spread = np.concatenate([part - m for part, m in zip(parts, middles, strict=True)])
+    extent = float(np.median(np.linalg.norm(spread, axis=1)))
+    distance = float(np.linalg.norm(middles[0] - middles[1]))
+    return distance, distance / extent if extent > 0 else 0.0
+
 
 def read_block_reference(
     gcp: str | Path | None,

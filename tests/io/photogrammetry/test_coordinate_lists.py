@@ -214,3 +214,56 @@ def test_lists_with_latitude_first_are_refused_by_their_shape(folder: Path, whic
     message = rf"^{path.name}: its \d places fit those of the block to .* longitude or easting"
     with pytest.raises(InputError, match=message):
         fga.read(folder / "sparse", **{which: path})
+
+
+def with_positions(folder: Path, change: dict[int, tuple[float, float, bool]]) -> Path:
+    """Return geo.txt with shifts of longitude and latitude, degrees, and exchanges of both."""
+    lines = (folder / "geo.txt").read_text().splitlines()[:5]
+    for row, (longitude, latitude, exchanged) in change.items():
+        words = lines[row].split()
+        x, y = float(words[1]) + longitude, float(words[2]) + latitude
+        words[1:3] = [repr(y), repr(x)] if exchanged else [repr(x), repr(y)]
+        lines[row] = " ".join(words)
+    path = folder / "changed.txt"
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("row", [1, 3, 4])
+def test_one_exchanged_line_alone_is_named(folder: Path, row: int) -> None:
+    path = with_positions(folder, {row: (0, 0, True)})
+    with pytest.raises(InputError, match=rf"^changed.txt:{row + 1}: lies \d+ km from") as caught:
+        fga.read(folder / "sparse", positions=path)
+    assert len(caught.value.problems) == 1
+
+
+def test_one_exchanged_line_of_a_grid_alone_is_named() -> None:
+    places = np.array([(492482.0 + i, 5271848.0 + 3 * i * i, 400.0) for i in range(5)])
+    good = list_system("EPSG:25832")
+    frame = good.frame(places[1:])
+    places[0, :2] = places[0, 1::-1]
+    assert good.frame(places) == frame
+
+
+def test_a_frame_of_good_places_is_in_the_middle_of_all() -> None:
+    places = np.array([(13.0, 52.0, 10.0), (13.1, 52.0, 30.0), (13.9, 52.8, 50.0)])
+    frame = ListSystem().frame(places)
+    assert np.rad2deg([frame.longitude, frame.latitude]) == pytest.approx([13.45, 52.4])
+
+
+@pytest.mark.parametrize("row", [1, 4])
+def test_one_position_far_from_the_others_is_named(folder: Path, row: int) -> None:
+    """All places are on a line then, but that is not what is wrong."""
+    path = with_positions(folder, {row: (0, 0.5, False)})
+    message = rf"^changed.txt:{row + 1}: position of image 'flight/{row - 1}.jpg' lies 55.6 km from"
+    with pytest.raises(InputError, match=message) as caught:
+        fga.read(folder / "sparse", positions=path)
+    assert len(caught.value.problems) == 1
+
+
+def test_positions_far_from_control_are_told(folder: Path) -> None:
+    path = with_positions(folder, dict.fromkeys(range(1, 5), (0.0, 0.5, False)))
+    message = r"^changed.txt: positions of photos lie 55.6 km from the control points, \d+ times"
+    with pytest.raises(InputError, match=message):
+        fga.read(folder / "sparse", positions=path, gcp=folder / "gcp_list.txt")
+    assert fga.read(folder / "sparse", positions=path).observations
