@@ -71,8 +71,10 @@ MAX_DISTANCE_FROM_FRAME_M = 100e3
 """Largest level distance of a listed place from the origin of the frame of its block, metres."""
 METRES_OF_DEGREE = 111e3
 """Length of a degree of latitude, metres, roughly."""
-MIN_PLACES_OF_ORDER = 4
-"""Smallest number of places that show an exchange: three fit a mirror image, too."""
+MIN_PLACES_OF_ORDER = 3
+"""Smallest number of places that show an exchange: of three, degrees of unlike length do."""
+MAX_MISFIT_SHARE_OF_THREE = 0.03
+"""As `MAX_MISFIT_SHARE_EXCHANGED`, for three places, which chance makes fit more easily."""
 MIN_MISFIT_OF_ORDER = 1e-3
 """Smallest misfit, relative to the extent of the places, that an exchange may explain."""
 MAX_MISFIT_SHARE_EXCHANGED = 0.3
@@ -264,7 +266,11 @@ class ListedSystem:
         if not stated > MIN_MISFIT_OF_ORDER:
             return ""
         other = _relative_misfit(block, self.system.exchanged(frame, listed))
-        if not other < MAX_MISFIT_SHARE_EXCHANGED * stated:
+        three = len(block) == MIN_PLACES_OF_ORDER
+        if (
+            not other
+            < (MAX_MISFIT_SHARE_OF_THREE if three else MAX_MISFIT_SHARE_EXCHANGED) * stated
+        ):
             return ""
         return (
             f"its {len(block)} places fit those of the block to {100 * stated:.2g} % of their "

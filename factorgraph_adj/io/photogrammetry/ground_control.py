@@ -127,7 +127,9 @@ class BlockReference:
             InputError: names the positions, or the distance of all positions from the control.
         """
         first = len(self.priors)
-        if 0 < first < len(block):
+        if not first:
+            return
+        if first < len(block):
             there, here = (_distance_of_parts(x, first) for x in (listed, block))
             if there[1] > MIN_RATIO_APART * max(here[1], 1.0):
                 away = f"positions of photos lie {there[0] / 1e3:.3g} km from the control points"
@@ -143,7 +145,7 @@ class BlockReference:
             np.linalg.norm(x[:first] - np.median(x[:first], axis=0), axis=1)
             for x in (listed, block)
         )
-        usual = [np.median(d) if first else 0.0 for d in (there, here)]
+        usual = [np.median(d) for d in (there, here)]
         if not min(usual) > 0:
             return
         far = there / usual[0] > MIN_RATIO_APART * np.maximum(here / usual[1], 1.0)

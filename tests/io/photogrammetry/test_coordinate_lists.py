@@ -267,3 +267,28 @@ def test_positions_far_from_control_are_told(folder: Path) -> None:
     with pytest.raises(InputError, match=message):
         fga.read(folder / "sparse", positions=path, gcp=folder / "gcp_list.txt")
     assert fga.read(folder / "sparse", positions=path).observations
+
+
+@pytest.mark.parametrize("exchanged", [True, False])
+def test_three_control_points_show_an_exchange(folder: Path, exchanged: bool) -> None:
+    """Degrees of longitude are shorter than those of latitude, so that the triangle differs."""
+    rows = (folder / "gcp_list.txt").read_text().splitlines()
+    rows = [r for r in rows if not r.endswith("G1") and not r.endswith("CHK-4")]
+    words = [r.split() for r in rows]
+    if exchanged:
+        words = [[w[1], w[0], *w[2:]] if len(w) > 3 else w for w in words]
+    path = folder / "three.txt"
+    path.write_text("\n".join(" ".join(w) for w in words) + "\n")
+    if exchanged:
+        with pytest.raises(InputError, match=r"^three.txt: its 3 places fit those of the block"):
+            fga.read(folder / "sparse", gcp=path)
+    else:
+        assert fga.adjust(fga.read(folder / "sparse", gcp=path)).converged
+
+
+def test_control_on_a_line_is_told(folder: Path) -> None:
+    rows = (folder / "gcp_list.txt").read_text().splitlines()
+    path = folder / "line.txt"
+    path.write_text("\n".join(r for r in rows if r[-2:] not in ("G3", "-4")) + "\n")
+    with pytest.raises(InputError, match="give 3 places, which do not carry the model over"):
+        fga.read(folder / "sparse", gcp=path)
