@@ -263,14 +263,10 @@ class ListedSystem:
         if len(block) < MIN_PLACES_OF_ORDER or not extent_ratio(block) > MIN_MISFIT_OF_ORDER:
             return ""
         stated = _relative_misfit(block, listed)
-        if not stated > MIN_MISFIT_OF_ORDER:
-            return ""
         other = _relative_misfit(block, self.system.exchanged(frame, listed))
         three = len(block) == MIN_PLACES_OF_ORDER
-        if (
-            not other
-            < (MAX_MISFIT_SHARE_OF_THREE if three else MAX_MISFIT_SHARE_EXCHANGED) * stated
-        ):
+        share = MAX_MISFIT_SHARE_OF_THREE if three else MAX_MISFIT_SHARE_EXCHANGED
+        if not (stated > MIN_MISFIT_OF_ORDER and other < share * stated):
             return ""
         return (
             f"its {len(block)} places fit those of the block to {100 * stated:.2g} % of their "
