@@ -52,7 +52,8 @@ def judged(seed: int) -> Judged:
     true = nearest(solution)
     fault = ""
     expected = solution.datum_defect
-    if drawn.defect and not expected:
+    # A point that nothing observes is no defect: it is set apart and told.
+    if drawn.defect and not expected and not solution.network.listed_points:
         fault = "a defect by construction is called converged"
     elif true.defect != expected:
         fault = f"{true.defect} columns are not determined, {expected} are filled by the datum"
