@@ -21,7 +21,9 @@ import pytest
 from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.errors import DatumError
 from factorgraph_adj.graph.equations import compile_network
+from factorgraph_adj.graph.observation_selection import without
 from factorgraph_adj.network.network import Network
+from factorgraph_adj.report.doubtful_results import listed_points_text
 from factorgraph_adj.solve.estimates import CalibrationEstimate
 from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.start.approximate_values import approximate
@@ -282,12 +284,16 @@ def test_the_same_block_as_a_free_network_has_the_same_redundancy(camcal_folder:
     assert solution.redundancy == 4148 - 435 + 7
 
 
-def test_points_without_any_observation_are_refused_by_name(camcal_folder: Path) -> None:
-    """DBAT: structural deficiency 6, points 13 and 60."""
-    error = refusal(read_camcal_export(camcal_folder, "-missing-obs"))
-    assert error.defect == 6
-    assert set(error.names) == {"13", "60"}
-    assert "'13'" in str(error) and "'60'" in str(error) and "no observation" in str(error)
+def test_points_without_any_observation_are_no_unknowns_and_named(camcal_folder: Path) -> None:
+    """DBAT: structural deficiency 6, points 13 and 60. Here they stay as the list states them."""
+    network = read_camcal_export(camcal_folder, "-missing-obs")
+    solution = adjust(network)
+    assert set(solution.network.listed_points) == {"13", "60"}
+    (told,) = listed_points_text(solution.network)
+    assert "13" in told and "60" in told
+    alone = adjust(without(network, (), points=["13", "60"]))
+    assert solution.vtpv == pytest.approx(alone.vtpv, rel=1e-12)
+    assert solution.redundancy == alone.redundancy
 
 
 def test_a_point_with_one_ray_is_refused_by_name(camcal_folder: Path) -> None:
