@@ -26,12 +26,14 @@ def listed_points(network: Network) -> list[str]:
     }
     if not loose:
         return []
-    for o in network.observations.values():
-        for name in o.points():
-            loose.pop(name, None)
     names = list(network.points)
     for number in set(network.images.columns()[1].tolist()):
         loose.pop(names[number], None)
+    for o in network.observations.values():
+        if not loose:  # in most networks soon
+            return []
+        for name in o.points():
+            loose.pop(name, None)
     for kind in parameter_kinds():
         for key, stated in network.of_kind(kind.name).items():
             loose.pop(stated.origin or "", None)
