@@ -14,7 +14,7 @@ from ..models.unknown_registry import VariableKind, unknown_kind
 from ..observations.photo_motions import PhotoShift, PhotoTurn
 from .construction import required
 
-MOTION = "photo_motion"
+KIND = "photo_motion"
 """Kind of unknowns of motions."""
 
 
@@ -97,8 +97,8 @@ class PhotoMotions:
                 x, y, z = (s * interval for s in given)
                 ties.append(kind(f, first, last, interval=interval, sigma=(x, y, z)))
         for f in order:
-            if f not in self.of_kind(MOTION):
-                self.set_unknown(MOTION, f)
+            if f not in self.of_kind(KIND):
+                self.set_unknown(KIND, f)
         return list(self.add(*ties))
 
     def of_photo(self, photo: str) -> tuple[tuple[VariableKind, str], ...]:
