@@ -20,6 +20,14 @@ if _TYPE_CHECKING:
     from .accuracy.positional_accuracy import positional_accuracy
     from .accuracy.uncertainty_budget import BudgetInput, solution_budget, uncertainty_budget
     from .adjustment import determined_part, memory_needed
+    from .collocation.collocation import collocate
+    from .collocation.covariance_estimation import (
+        empirical_covariance,
+        estimate_covariance,
+        fit_variogram,
+    )
+    from .collocation.covariance_function import CovarianceFunction
+    from .collocation.signal_test import signal_test
     from .crs.reference_system import ReferenceSystem
     from .crs.transformation_chain import SevenParameters
     from .entities import Camera, Parameter, Photo, Point
@@ -206,11 +214,11 @@ if _TYPE_CHECKING:
 __all__ = [
     "GON", "Accuracies", "AdjustmentError", "AntennaVector", "ApproximationError",
     "AstronomicLatitude", "AstronomicLongitude", "AxisAngle", "Azimuth", "BrownLens", "BudgetInput",
-    "Camera", "Candidate", "ControlPoint", "CoordinateDifference", "Correlated", "DatumError",
-    "Direction", "EqualDistance", "EqualHeightDifference", "Experiment", "FaceReading",
-    "FactorTests", "Finding", "FrameCoordinate", "FrameDirection", "FrameDistance",
-    "FrameInclination", "FrameRoll", "FrameVector", "FrameZenith", "GeocentricFrame",
-    "GnssPosition", "GnssVector", "GridCoordinates", "GridPhotos", "GyroAzimuth",
+    "Camera", "Candidate", "ControlPoint", "CoordinateDifference", "Correlated",
+    "CovarianceFunction", "DatumError", "Direction", "EqualDistance", "EqualHeightDifference",
+    "Experiment", "FaceReading", "FactorTests", "Finding", "FrameCoordinate", "FrameDirection",
+    "FrameDistance", "FrameInclination", "FrameRoll", "FrameVector", "FrameZenith",
+    "GeocentricFrame", "GnssPosition", "GnssVector", "GridCoordinates", "GridPhotos", "GyroAzimuth",
     "HeightDifference", "HorizontalAngle", "HorizontalDistance", "HydrostaticReading", "ImageLine",
     "ImagePoint", "IncrementalAdjustment", "InputError", "Isam", "LevelHeight", "LineOffset",
     "LocalFrame", "NavigationAttitude", "Network", "Observation", "ObservationKind", "OnCircle",
@@ -223,10 +231,11 @@ __all__ = [
     "StandardDeviation", "StarNetOptions", "StripCoordinate", "TopocentricFrame", "UnitVector",
     "UnknownKind", "VerticalAngle", "WireReading", "WireReadingOnBody", "ZenithAngle",
     "__version__", "adjust", "adjust_parts", "adjusted_lines", "as_models", "block_motion",
-    "build_graph", "causes", "check_points", "congruence", "covariance_array", "determined_part",
-    "direction_test", "distance_meter_test", "distance_precision", "dlt", "error_ellipse",
-    "error_ellipsoid", "estimate_variance_components", "exclude_insignificant", "fetch_example",
-    "find_sparable", "from_grid", "grid_coordinates", "grid_photos", "join", "level_test",
+    "build_graph", "causes", "check_points", "collocate", "congruence", "covariance_array",
+    "determined_part", "direction_test", "distance_meter_test", "distance_precision", "dlt",
+    "empirical_covariance", "error_ellipse", "error_ellipsoid", "estimate_covariance",
+    "estimate_variance_components", "exclude_insignificant", "fetch_example", "find_sparable",
+    "fit_variogram", "from_grid", "grid_coordinates", "grid_photos", "join", "level_test",
     "load_solution", "measure", "memory_needed", "orient", "plan", "plot_network",
     "positional_accuracy", "precision_map", "predict", "preliminary", "propose", "read",
     "read_aicon", "read_bal", "read_bundler", "read_colmap", "read_columns", "read_comp3d",
@@ -236,12 +245,12 @@ __all__ = [
     "read_project", "read_sdr33", "read_sinex", "read_star_net", "read_star_net_project",
     "reduce_faces", "register_lens", "register_observation", "register_reader", "register_unknown",
     "relative_model", "reliability", "results_schema", "robust_adjust", "s_transform",
-    "significance", "snoop", "solution_budget", "text_report", "to_xarray", "uncertainty_budget",
-    "vectors_in_own_datum", "wgs84_coordinates", "without", "write", "write_colmap", "write_dxf",
-    "write_dynaml", "write_geojson", "write_geopackage", "write_gvx", "write_jag3d", "write_kml",
-    "write_landxml", "write_metashape", "write_opencv", "write_opf", "write_ply",
-    "write_precision_map", "write_project", "write_report", "write_results", "write_sinex",
-    "write_star_net", "zenith_test",
+    "signal_test", "significance", "snoop", "solution_budget", "text_report", "to_xarray",
+    "uncertainty_budget", "vectors_in_own_datum", "wgs84_coordinates", "without", "write",
+    "write_colmap", "write_dxf", "write_dynaml", "write_geojson", "write_geopackage", "write_gvx",
+    "write_jag3d", "write_kml", "write_landxml", "write_metashape", "write_opencv", "write_opf",
+    "write_ply", "write_precision_map", "write_project", "write_report", "write_results",
+    "write_sinex", "write_star_net", "zenith_test",
 ]
 # fmt: on
 
@@ -250,6 +259,10 @@ _NAMES = {
     "accuracy.positional_accuracy": "positional_accuracy",
     "accuracy.uncertainty_budget": "BudgetInput solution_budget uncertainty_budget",
     "adjustment": "determined_part memory_needed",
+    "collocation.collocation": "collocate",
+    "collocation.covariance_estimation": "empirical_covariance estimate_covariance fit_variogram",
+    "collocation.covariance_function": "CovarianceFunction",
+    "collocation.signal_test": "signal_test",
     "crs.reference_system": "ReferenceSystem",
     "crs.transformation_chain": "SevenParameters",
     "entities": "Camera Parameter Photo Point",

@@ -54,6 +54,8 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("adjustment",),
     ("quality",),
     ("accuracy",),
+    # Signals with a covariance function: filtered and predicted.
+    ("collocation",),
     # The whole as a factor graph for GTSAM's optimisers, and in its iSAM2.
     ("factor_graph",),
     ("validate",),

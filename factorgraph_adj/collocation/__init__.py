@@ -1,0 +1,1 @@
+"""Least-squares collocation: signals with a covariance function, filtered and predicted."""
