@@ -62,8 +62,8 @@ def add_grid(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         help="azimuths=true|grid, vectors=geocentric|grid, horizontal_distances=measured|"
-        "ellipsoid|grid, deflections=none|held|σ in radians, geoid_offset=σ in metres; may be "
-        "repeated",
+        "ellipsoid|sea_level|grid, deflections=none|held|σ in radians, geoid_offset=σ in metres; "
+        "may be repeated",
     )
 
 

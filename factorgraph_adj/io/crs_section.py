@@ -183,7 +183,7 @@ def _options(row: FieldRow) -> dict[str, Any]:
     for name, valid in (
         ("azimuths", ("true", "grid")),
         ("vectors", ("geocentric", "grid")),
-        ("horizontal_distances", ("measured", "ellipsoid", "grid")),
+        ("horizontal_distances", ("measured", "ellipsoid", "sea_level", "grid")),
     ):
         if name in row:
             out[name] = row.choice(name, valid, valid[0])

@@ -79,19 +79,43 @@ def test_attitudes_in_the_grid_are_those_of_the_photos(site: Site) -> None:
 
 
 def test_azimuths_count_from_grid_north_or_from_true_north(site: Site) -> None:
-    d = site.points["B"] - site.points["A"]
+    """The bearing is that of the straight line in the grid: t − T is 2″ here."""
+    d = site.points["R"] - site.points["A"]
     e, n, _ = site.enu(site.points["A"])
     azimuth = float(np.arctan2(d @ e, d @ n))
-    true = fga.Azimuth("A", "B", azimuth, sigma=1e-5)
-    bearing = replace(true, value=azimuth - gamma(site, "A"))
-    for o, count in ((true, "true"), (bearing, "grid")):
+    true = fga.Azimuth("A", "R", azimuth, sigma=1e-5)
+    a, b = site.to_grid(np.array([site.points["A"], site.points["R"]]))[:, :2]
+    t = float(np.arctan2(*(b - a)))
+    assert np.radians(1 / 3600) < abs(t - (azimuth - gamma(site, "A"))) < np.radians(5 / 3600)
+    bearing = replace(true, value=t)
+    geodetic = fga.GeodeticAzimuth("A", "R", azimuth, sigma=1e-5)
+    for o, count in ((true, "true"), (bearing, "grid"), (geodetic, None)):
         made = fga.from_grid(in_grid(site, o), SYSTEM, azimuths=count)  # type: ignore[arg-type]
         np.testing.assert_allclose(residual(made), 0.0, atol=1e-9)
-    # The curvature of the projected line is 3″ here, and not in the conversion.
-    a, b = site.to_grid(np.array([site.points["A"], site.points["B"]]))[:, :2]
-    assert abs(np.arctan2(*(b - a)) - bearing.value) < np.radians(5 / 3600)
-    with pytest.raises(InputError, match=r"azimuth A B: .*grid north or from true north"):
+        assert made.observations["1"].kind == o.kind and not made.remarks
+    with pytest.raises(InputError, match=r"azimuth A R: .*grid north or from true north"):
         fga.from_grid(in_grid(site, true), SYSTEM)
+
+
+def test_a_bearing_at_a_station_with_deflections_is_geodetic(site: Site) -> None:
+    a, b = site.to_grid(np.array([site.points["A"], site.points["B"]]))[:, :2]
+    network = in_grid(site, fga.Azimuth("A", "B", float(np.arctan2(*(b - a))), sigma=1e-5))
+    network.set_vertical("A", xi=5e-5, eta=5e-5)
+    made = fga.from_grid(network, SYSTEM, azimuths="grid")
+    assert made.observations["1"].kind == "geodetic_azimuth"
+    assert made.observations["1"].sigma == 1e-5  # type: ignore[attr-defined]
+    np.testing.assert_allclose(residual(made), 0.0, atol=1e-9)
+
+
+def test_a_bearing_to_a_point_without_coordinates_is_turned_by_the_convergence(site: Site) -> None:
+    network = in_grid(site)
+    network.add_point("far")
+    network.add(fga.Azimuth("A", "far", 1.0, sigma=1e-5))
+    made = fga.from_grid(network, SYSTEM, azimuths="grid")
+    found = made.observations["1"].value  # type: ignore[attr-defined]
+    assert found == pytest.approx(1.0 + gamma(site, "A"), abs=1e-9)
+    (remark,) = made.remarks
+    assert "far has no approximate coordinates, so that t − T" in remark
 
 
 @pytest.mark.parametrize("frame", ["topocentric", "geocentric"])
@@ -166,25 +190,35 @@ def test_control_observations_in_any_order_of_axes_keep_their_covariance(site: S
     np.testing.assert_allclose(residual(made), shift, rtol=0, atol=1e-6)
 
 
-@pytest.mark.parametrize("where", ["ellipsoid", "grid"])
-def test_reduced_distances_become_those_in_the_horizon_of_the_station(
-    site: Site, where: str
-) -> None:
-    """Against S of the geodesic and of the grid, from formulas that know nothing of the model."""
+@pytest.mark.parametrize("where", ["ellipsoid", "sea_level", "grid"])
+@pytest.mark.parametrize("height", [0.0, 4000.0])
+def test_reduced_distances_become_arcs(site: Site, where: str, height: float) -> None:
+    """Against geodesics, at the undulation, and the length in the grid, 26 km and 4 km up."""
     import pyproj
 
     at = np.array([site.points["A"], site.points["R"]])
+    at[1] += 25e3 * site.enu(at[0])[1] + height * site.enu(at[0])[2]
     phi, lam, _ = site.ellipsoid.to_geodetic(at)
     geod = pyproj.Geod(ellps="GRS80")
-    (lon, lat) = np.degrees(lam), np.degrees(phi)
-    s = geod.inv(lon[0], lat[0], lon[1], lat[1])[2]
+    lon, lat = np.degrees(lam), np.degrees(phi)
+    azimuth, _, s = geod.inv(lon[0], lat[0], lon[1], lat[1])
+    if where == "sea_level":
+        m, n = site.ellipsoid.radii(phi.mean(keepdims=True))
+        alpha = np.radians(azimuth)
+        s *= 1.0 + UNDULATION / float(
+            m[0] * n[0] / (n[0] * np.cos(alpha) ** 2 + m[0] * np.sin(alpha) ** 2)
+        )
     if where == "grid":
         s = float(np.linalg.norm(np.diff(site.to_grid(at)[:, :2], axis=0)))
-    o = fga.HorizontalDistance("A", "R", s, sigma=0.001)
-    made = fga.from_grid(in_grid(site, o), SYSTEM, horizontal_distances=where)  # type: ignore[arg-type]
-    # R of the frame is a mean radius: 0.2 % of 700 m is 0.2 ppm, 0.7 mm in 3.5 km.
+    network = in_grid(site)
+    for name, enh in zip(("a", "r"), site.to_grid(at), strict=True):
+        network.add_point(name, enh)
+    o = fga.HorizontalDistance("a", "r", s, sigma=0.001, id="reduced")
+    network.add(o)
+    made = fga.from_grid(network, SYSTEM, horizontal_distances=where)  # type: ignore[arg-type]
     np.testing.assert_allclose(residual(made), 0.0, atol=TENTH_MM)
-    measured = fga.from_grid(in_grid(site, o), SYSTEM)
+    assert made.observations["reduced"].kind == "ellipsoid_distance"
+    measured = fga.from_grid(network, SYSTEM)
     assert abs(residual(measured)[0]) > 0.1
 
 

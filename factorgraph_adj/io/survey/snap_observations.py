@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ...frames import MEAN_EARTH_RADIUS
+from ...network.grid.projected_lines import turn_of_line
 from ...network.network import Network
 from ...observations import (
     AstronomicLatitude,
@@ -258,7 +259,8 @@ class SnapObservations:
             if system is None:
                 return None
             latitude, longitude, _ = self.stations.geodetic([a.code, b.code])
-            value += geodetic - system.system.grid_bearing(latitude, longitude)
+            grid = system.system.grid(latitude, longitude)
+            value += turn_of_line(self.network.frame, np.array([a.xyz, b.xyz]), grid)
         errors = self.parameters.bearing_error
         stated = r.classes.get(errors.class_name)
         name = "" if stated is None else errors.code(stated)

@@ -56,16 +56,14 @@ class SnapSystem:
         """The reference system of a projection, with ellipsoidal heights."""
         return ReferenceSystem(f"EPSG:{self.epsg}", heights="ellipsoidal")
 
-    def grid_bearing(self, latitude: Array, longitude: Array) -> float:
-        """Return the bearing in the projection between two places (2,) rad, from grid north, rad.
+    def grid(self, latitude: Array, longitude: Array) -> Array:
+        """Return easting, northing, 0 in the projection of places (n,) rad, (n, 3) metres.
 
         Raises:
             InputError: pyproj is missing, or a place is outside of the projection.
         """
         level = np.zeros(len(latitude))
-        grid = self.reference_system.from_geodetic(latitude, longitude, level)
-        east, north = grid[1, :2] - grid[0, :2]
-        return float(np.arctan2(east, north))
+        return self.reference_system.from_geodetic(latitude, longitude, level)
 
 
 CIRCUITS = (

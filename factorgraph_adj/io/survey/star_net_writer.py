@@ -14,6 +14,7 @@ from ...entities import Point
 from ...errors import InputError, Problem, taking
 from ...frames import LocalFrame, TopocentricFrame
 from ...models.unknown_registry import UNKNOWNS
+from ...network.grid.projected_lines import arc, turn_of_line
 from ...network.network import Network
 from ...observations import (
     Azimuth,
@@ -27,6 +28,7 @@ from ...observations import (
     SlopeDistance,
     ZenithAngle,
 )
+from ...observations.ellipsoidal_observations import CHORD, EllipsoidDistance, GeodeticAzimuth
 from ..file_transaction import write_files
 from ..format_limits import grid_points, scalar_sigmas
 from ..numbers import write_quantity
@@ -55,7 +57,8 @@ def write_star_net(network: Network, path: str | Path) -> None:
     determine; an adjusted one is `Solution.as_network`.
 
     A network on the Earth with the reference system of a grid is written as a grid project:
-    easting, northing and elevation, bearings from grid north, GNSS vectors as G1 to G3, control
+    easting, northing and elevation, bearings from grid north, distances on the
+    ellipsoid behind .MEASURE, GNSS vectors as G1 to G3, control
     with its standard errors. State the coordinate system and the geoid in STAR*NET.
 
     Args:
@@ -65,10 +68,10 @@ def write_star_net(network: Network, path: str | Path) -> None:
     Raises:
         InputError: everything that the format cannot express, all at once: another frame than a
             local one with axes en or ne and no curvature, or one on the Earth without a grid; a
-            free datum, cameras and photos,
-            correlations, kinds of observations other than directions, angles, azimuths, distances,
-            zenith angles and height differences, unknowns of instruments, refraction that is not
-            held, names with characters of the format. Nothing is written then.
+            free datum, cameras and photos, correlations, chords, kinds of observations other than
+            directions, angles, azimuths, distances, zenith angles and height differences, unknowns
+            of instruments, refraction that is not held, names with characters of the format.
+            Nothing is written then.
     """
     target = Path(path)
     writer = _Writer(network)
@@ -229,6 +232,8 @@ class _Writer:
                 self.refuse("unknowns of instruments", o.label())
             elif getattr(o, "face", 1) != 1 and isinstance(o, Direction):
                 self.refuse("directions of the second face", o.label())
+            elif isinstance(o, EllipsoidDistance) and o.line == CHORD:
+                self.refuse("a chord between the feet of points", o.label())
         if self.problems or not written:
             return []
         sigmas = scalar_sigmas(self.network)
@@ -249,6 +254,8 @@ class _Writer:
             if wanted and wanted != mode:
                 mode = wanted
                 lines.append(f".DELTA {wanted}")
+            if isinstance(o, EllipsoidDistance) and self.grid is not None:
+                words = f".MEASURE DIST=ELLIP\n{words}\n.MEASURE DIST=GROUND"
             if isinstance(o, ZenithAngle):
                 coefficient = self._coefficient(o)
                 if coefficient != refraction:
@@ -266,16 +273,28 @@ class _Writer:
         return (kappa + (1.0 if self.grid is None else 0.0)) / 2.0
 
     def _in_grid(self, o: Observation) -> Observation:
-        """Return an azimuth from grid north, or a height difference without the geoid's."""
-        if self.grid is None or not isinstance(o, Azimuth | HeightDifference):
+        """Return an azimuth from grid north, a height difference without the geoid's, or an arc.
+
+        An arc at sea level becomes one on the ellipsoid.
+        """
+        kinds = Azimuth | GeodeticAzimuth | EllipsoidDistance | HeightDifference
+        if self.grid is None or not isinstance(o, kinds):
             return o
         rows, places = self.grid.rows, self.grid.places
         if places is None or not {o.station, o.target} <= set(rows):
-            self.refuse("an azimuth or height difference of a point without coordinates", o.label())
+            noun = o.kind.replace("_", " ")
+            self.refuse(f"a {noun} of a point without coordinates", o.label())
             return o
         i, j = rows[o.station], rows[o.target]
-        if isinstance(o, Azimuth):
-            return replace(o, value=(o.value - float(places.convergence[i])) % (2 * math.pi))
+        frame, ends = self.network.frame, [i, j]
+        names = (o.station, o.target)
+        xyz = np.array([self.network.points[n].coordinates for n in names])
+        if isinstance(o, Azimuth | GeodeticAzimuth):
+            turn = turn_of_line(frame, xyz, places.coordinates[ends])
+            return replace(o, value=(o.value - turn) % (2 * math.pi))
+        if isinstance(o, EllipsoidDistance):
+            there = arc(frame, xyz, (o.station_surface, o.target_surface))
+            return replace(o, value=o.value * arc(frame, xyz) / there)
         return replace(o, value=o.value - float(places.undulation[j] - places.undulation[i]))
 
     def _vector(self, o: GnssVector) -> list[str]:
@@ -308,7 +327,7 @@ def _slope(o: SlopeDistance, s: str, sigma: float) -> tuple[str, str]:
     return "OFF", f"D {_ends(o, s)} {write_quantity(o.value)} {write_quantity(sigma)}{_heights(o)}"
 
 
-def _horizontal(o: HorizontalDistance, s: str, sigma: float) -> tuple[str, str]:
+def _horizontal(o: HorizontalDistance | EllipsoidDistance, s: str, sigma: float) -> tuple[str, str]:
     return "ON", f"D {_ends(o, s)} {write_quantity(o.value)} {write_quantity(sigma)}"
 
 
@@ -324,7 +343,7 @@ def _difference(o: HeightDifference, s: str, sigma: float) -> tuple[str, str]:
     return "ON", f"V {_ends(o, s)} {write_quantity(o.value)} {write_quantity(sigma)}{_heights(o)}"
 
 
-def _azimuth(o: Azimuth, s: str, sigma: float) -> tuple[str, str]:
+def _azimuth(o: Azimuth | GeodeticAzimuth, s: str, sigma: float) -> tuple[str, str]:
     return "", f"B {_ends(o, s)} {write_quantity(o.value, 'gon')} {write_quantity(sigma, 'mgon')}"
 
 
@@ -340,9 +359,11 @@ def _direction(o: Direction, s: str, sigma: float) -> tuple[str, str]:
 _FORMS: dict[type, Callable[..., tuple[str, str]]] = {
     SlopeDistance: _slope,
     HorizontalDistance: _horizontal,
+    EllipsoidDistance: _horizontal,
     ZenithAngle: _zenith,
     HeightDifference: _difference,
     Azimuth: _azimuth,
+    GeodeticAzimuth: _azimuth,
     HorizontalAngle: _angle,
     Direction: _direction,
 }

@@ -36,7 +36,7 @@ from .unknowns import moved_parameter, moved_photo, moved_point
 CHOICES: dict[str, tuple[object, ...]] = {
     "azimuths": (None, "true", "grid"),
     "vectors": (None, "geocentric", "grid"),
-    "horizontal_distances": ("measured", "ellipsoid", "grid"),
+    "horizontal_distances": ("measured", "ellipsoid", "sea_level", "grid"),
 }
 ELSEWHERE = 0.05
 """Smallest misfit of a vector, relative to its length, that other axes explain, and largest share
@@ -85,14 +85,16 @@ def from_grid(
             control share (the level surface ``geoid`` of the new network); infinite: free; None:
             the geoid is taken as it is. Then no point is held in its height. Positions of GNSS and
             of photos take no part in it: their heights came from the ellipsoid.
-        azimuths: whether azimuths count from ``true`` or from ``grid`` north, all of them or by id;
-            the curvature of the projected line is not added.
+        azimuths: whether azimuths count from ``true`` or from ``grid`` north, all of them or by id.
+            A bearing of the grid becomes an azimuth by the convergence and by t − T, the curvature
+            of the line in the grid, at approximate coordinates (`factorgraph_adj.network.grid.
+            projected_lines`). A remark says where the target has none, and t − T is left out.
         vectors: whether GNSS vectors are ``geocentric``, or along ``grid`` east, grid north and up
             at their station.
         horizontal_distances: whether horizontal distances are as ``measured``, or were reduced to
-            the ``ellipsoid`` or to the ``grid`` with the scale of the projection. From reduced ones
-            S the part of the sight in the horizon of the station is (1 + h/R) (1 − S²/6R²) S/k,
-            with the height h of the target and the mean scale k (of a grid) at both ends.
+            the ``ellipsoid``, to ``sea_level`` (the geoid) or to the ``grid`` with the scale of the
+            projection. Reduced ones become arcs (`EllipsoidDistance`); one of the grid is divided
+            by the scale along its line at approximate coordinates.
         sources: file and line by kind and name of points, for observations that represent their
             coordinates.
 
@@ -315,6 +317,7 @@ def _observations(
         move.photos(photos, list(network.photos)),
         network.photo_number,
         {str(n): (p.values[0], p.values[1]) for n, p in verticals.items()},
+        out.remarks,
     )
     contexts: dict[GridOptions, Context] = {}
 

@@ -8,8 +8,9 @@ function, is refused.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import singledispatch
 from typing import Any
 
@@ -22,6 +23,11 @@ from ...observations.airborne_observations import (
     PhotoAngle,
     PhotoAttitude,
     PhotoSight,
+)
+from ...observations.ellipsoidal_observations import (
+    EllipsoidDistance,
+    EllipsoidHeight,
+    GeodeticAzimuth,
 )
 from ...observations.offsets import HydrostaticReading
 from ...observations.photo_motions import PhotoShift
@@ -38,6 +44,7 @@ from ...observations.terrestrial_observations import (
 )
 from ...rotation import angles_by_rotation, omega_phi_kappa, world_R_camera
 from ...types import Array
+from .projected_lines import scale_of_line, turn_of_line
 from .transformation import GridMove, Moved, no_place
 from .unknowns import Known, observed
 
@@ -61,6 +68,8 @@ class Context:
     """Rows of the photos."""
     deflections: Mapping[str, tuple[float, float]]
     """(ξ, η) of the stations that have any, radians."""
+    remarks: list[str]
+    """What the conversion had to leave out, for the report."""
 
     def point(self, name: str, where: str) -> int:
         """Return the row of a point that must have a place."""
@@ -129,6 +138,8 @@ def _same(o: Observation) -> Array:
 
 @converted.register(AstronomicLatitude)
 @converted.register(AstronomicLongitude)
+@converted.register(EllipsoidHeight)
+@converted.register(GeodeticAzimuth)
 def _(o: Observation, c: Context, place: Moved, row: int) -> Converted:
     return [o], _same(o)
 
@@ -263,6 +274,10 @@ def _(o: PhotoSight, c: Context, place: Moved, row: int) -> Converted:
 @converted.register(Azimuth)
 @converted.register(GyroAzimuth)
 def _(o: Any, c: Context, place: Moved, row: int) -> Converted:
+    """Turn a bearing of the grid by convergence and t − T: those of its line where it begins.
+
+    The bearing is geodetic. Where its station has deflections, an azimuth would be astronomic.
+    """
     if c.move.options.azimuths == "true":
         return [o], _same(o)
     if c.move.options.azimuths is None:
@@ -271,9 +286,19 @@ def _(o: Any, c: Context, place: Moved, row: int) -> Converted:
             "'true'"
         )
         raise InputError(Problem(what, o.label()))
-    at = c.point(o.station, o.label())
-    turned = float(np.mod(o.value + c.points.convergence[at], 2.0 * np.pi))
-    return [replace(o, value=turned)], _same(o)
+    ends = [c.point(o.station, o.label()), c.point_number[o.target]]
+    if c.points.there(ends[1]):
+        turn = turn_of_line(c.move.new, c.points.xyz[ends], c.points.grid[ends])
+    else:
+        turn = float(c.points.convergence[ends[0]])
+        c.remarks.append(
+            f"{o.label()}: {o.target} has no approximate coordinates, so that t − T, the curvature "
+            "of the line in the grid, is left out"
+        )
+    found = replace(o, value=(o.value + turn) % (2.0 * math.pi))
+    if type(o) is Azimuth and o.station in c.deflections:
+        found = GeodeticAzimuth(**{f.name: getattr(found, f.name) for f in fields(found)})
+    return [found], _same(o)
 
 
 @converted.register
@@ -341,23 +366,28 @@ def _(o: ProfileHeight, c: Context, place: Moved, row: int) -> Converted:
 
 @converted.register
 def _(o: HorizontalDistance, c: Context, place: Moved, row: int) -> Converted:
-    """D = (1 + h/R) (1 − S²/6R²) S with S = S_grid / k on the ellipsoid, metres.
+    """Restate a reduced distance as an arc on the ellipsoid or at sea level.
 
-    D is the part of the sight in the horizon of the station, (R + h) sin(S/R), with the height h of
-    the target; k is the mean of the scales at both ends, and 1 + h/R is their scale by the combined
-    factor at the target.
+    One in the grid is longer than its arc by the scale of the projection along the line, which
+    both have where the line begins.
     """
     kind = c.move.options.horizontal_distances
     if kind == "measured":
         return [o], _same(o)
-    i, j = (c.point(n, o.label()) for n in (o.station, o.target))
-    p = c.points
-    k = float(p.scale[i] + p.scale[j]) / 2.0 if kind == "grid" else 1.0
-    on_ellipsoid = o.value / k
-    radius = c.move.new.radius
-    higher = float(p.scale[j] / p.combined[j]) + o.target_height / radius
-    factor = higher * (1.0 - (on_ellipsoid / radius) ** 2 / 6.0) / k
-    return [replace(o, value=o.value * factor)], _same(o) * factor
+    p, ends = c.points, [c.point(n, o.label()) for n in (o.station, o.target)]
+    on_grid = kind == "grid"
+    factor = 1.0 / scale_of_line(c.move.new, p.xyz[ends], p.grid[ends]) if on_grid else 1.0
+    surfaces = p.undulation[ends] if kind == "sea_level" else np.zeros(2)
+    distance = EllipsoidDistance(
+        *(o.station, o.target, o.value * factor),
+        sigma=o.sigma,
+        station_surface=float(surfaces[0]),
+        target_surface=float(surfaces[1]),
+        instrument=o.instrument,
+        id=o.id,
+        source=o.source,
+    )
+    return [distance], _same(o) * factor
 
 
 @converted.register

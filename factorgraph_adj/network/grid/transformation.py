@@ -25,8 +25,9 @@ Azimuths: TypeAlias = Literal["true", "grid"]
 """What azimuths count from: geodetic or astronomic north, or grid north."""
 Vectors: TypeAlias = Literal["geocentric", "grid"]
 """Axes of GNSS vectors: X, Y, Z of the Earth, or easting, northing, height."""
-Distances: TypeAlias = Literal["measured", "ellipsoid", "grid"]
-"""Where horizontal distances are: at the height of the points, on the ellipsoid, or in the grid."""
+Distances: TypeAlias = Literal["measured", "ellipsoid", "sea_level", "grid"]
+"""Where horizontal distances are: at the height of the points, on the ellipsoid, on the geoid, or
+in the grid."""
 Deflections: TypeAlias = "Literal['none', 'held'] | float"
 """Deflections of the vertical: none, those of the geoid held, or weighted with this σ (rad)."""
 
@@ -76,6 +77,8 @@ class Moved:
     """Combined factor, (n,)."""
     undulation: Array
     """N, (n,) metres."""
+    grid: Array
+    """Easting, northing, height, (n, 3) metres."""
 
     def __len__(self) -> int:
         """Return the number of places."""
@@ -141,12 +144,17 @@ class GridMove:
         known = np.flatnonzero(np.isfinite(grid).all(axis=1)).tolist()
         labels = None if names is None else [names[i] for i in known]
         n = len(grid)
+        empty = np.full((n, 3, 3), np.nan)
         out = Moved(
-            np.full((n, 3), np.nan),
-            np.full((n, 3, 3), np.nan),
-            np.full((n, 3, 3), np.nan),
-            np.full((n, 3, 3), np.nan),
-            *(np.full(n, np.nan) for _ in range(4)),
+            xyz=np.full((n, 3), np.nan),
+            turn=empty.copy(),
+            partials=empty.copy(),
+            horizon=empty.copy(),
+            convergence=np.full(n, np.nan),
+            scale=np.full(n, np.nan),
+            combined=np.full(n, np.nan),
+            undulation=np.full(n, np.nan),
+            grid=grid,
         )
         if not known:
             return out

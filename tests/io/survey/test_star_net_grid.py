@@ -24,7 +24,7 @@ METRIC: dict[str, Any] = {
     **{"centring_instrument": 0.001, "centring_target": 0.001, "longitude": "west positive"},
     "centring_vertical": 0.001,
 }
-KINDS_OF_GRID = ("azimuth", "horizontal_distance")
+KINDS_OF_GRID = ("azimuth", "horizontal_distance", "ellipsoid_distance")
 """Kinds that .GRID and .MEASURE concern."""
 GRID = "EPSG:25832"
 UTM = GRIDS["UTM 32"]
@@ -145,8 +145,7 @@ def test_distances_directions_and_bearings_of_a_grid_are_not_those_of_a_plane(
         ]
     )
     solution = fga.adjust(read(tmp_path, text, changes={"level": 0.001}))
-    # Without t − T, 0.3″ of an oblique line of 1.9 km 180 km east of the central meridian.
-    np.testing.assert_allclose(fga.grid_coordinates(solution).point("B"), grid("B"), atol=0.01)
+    np.testing.assert_allclose(fga.grid_coordinates(solution).point("B"), grid("B"), atol=0.001)
     assert abs(np.hypot(east, north) - distance) > 0.1
     turned = read(tmp_path, text, azimuths="true", changes={"level": 0.001})
     difference = next(o for o in turned.observations.values() if o.kind == "azimuth").value
@@ -165,11 +164,13 @@ def test_grid_and_measure_change_what_follows_as_the_options_change_all(tmp_path
         (".MEASURED DIST=GROUND\n", {}),
     )
     together = read(tmp_path, head + "".join(option + body for option, _ in parts))
-    found = [o.value for o in together.observations.values() if o.kind in KINDS_OF_GRID]
+    found = [(o.kind, o.value) for o in together.observations.values() if o.kind in KINDS_OF_GRID]
     expected = []
     for _, options in parts:
         network = read(tmp_path, head + body, **options)
-        expected += [o.value for o in network.observations.values() if o.kind in KINDS_OF_GRID]
+        expected += [
+            (o.kind, o.value) for o in network.observations.values() if o.kind in KINDS_OF_GRID
+        ]
     assert found == expected
     assert len(set(expected[1::2])) == 3 and len(set(expected[::2])) == 2
 
@@ -190,8 +191,7 @@ def test_azimuths_at_points_without_coordinates_get_approximate_ones(tmp_path: P
     )
     assert abs(up) < distance
     solution = fga.adjust(read(tmp_path, text))
-    # Without t − T, 0.3″ of an oblique line of 1.9 km 180 km east of the central meridian.
-    np.testing.assert_allclose(fga.grid_coordinates(solution).point("B"), grid("B"), atol=0.01)
+    np.testing.assert_allclose(fga.grid_coordinates(solution).point("B"), grid("B"), atol=0.001)
 
 
 def test_refraction_of_a_grid_project_is_gauss_k(tmp_path: Path) -> None:
@@ -331,6 +331,17 @@ def test_an_adjusted_grid_project_is_written_at_its_adjusted_coordinates(tmp_pat
     fga.write_star_net(solution.as_network(), tmp_path / "out.dat")
     line = next(s for s in (tmp_path / "out.dat").read_text().splitlines() if s[:4] == "C P ")
     np.testing.assert_allclose([float(v) for v in line.split()[2:5]], grid("P"), atol=1e-5)
+
+
+def test_bearings_and_reduced_distances_are_written_as_they_were_read(tmp_path: Path) -> None:
+    body = "B A-B 53-0-0 1\n.MEASURE DIST=ELLIP\n.DELTA ON\nD A-B 1860.5 0.002\n"
+    network = read(tmp_path, line_of("C", "A", "! ! !") + "\n" + line_of("C", "B") + "\n" + body)
+    fga.write_star_net(network, tmp_path / "out.dat")
+    options = {"adjustment": "3D", "linear": "Meters"}
+    again = fga.read_star_net(tmp_path / "out.dat", options=options, crs=GRID, geoid=N)
+    assert [o.kind for o in again.observations.values()] == ["azimuth", "ellipsoid_distance"]
+    for one, two in zip(network.observations.values(), again.observations.values(), strict=True):
+        assert two.value == pytest.approx(one.value, abs=1e-9)
 
 
 def test_points_of_a_grid_are_written_as_landxml_with_its_code(tmp_path: Path) -> None:
