@@ -7,8 +7,9 @@ completed: errors at check points, redundancy, unknowns, time, or why a method i
 `simulated_block` is described in `methods_1980_block`. Any network of photos with held control and
 check points can take its place: ``run_methods(MethodBlock(network, network))``.
 
-    python -m examples.papers.methods_1980            # the simulated block
-    python -m examples.papers.methods_1980 PROJECT    # a project with photos
+    python -m examples.papers.methods_1980                    # the simulated block
+    python -m examples.papers.methods_1980 --methods 12 25    # two methods
+    python -m examples.papers.methods_1980 PROJECT            # a project with photos
 """
 
 from __future__ import annotations
@@ -34,6 +35,8 @@ from .methods_1980_run import Method, Outcome
 GRAPHICAL = "graphical or mechanical; its equations are those of 16"
 INSTRUMENT = "instrumental: errors are prorated in the plotter; as an adjustment it is 8"
 
+Needed = Literal["", "terrestrial", "statoscope", "tilts"]
+"""A part of a block."""
 NEEDED = {
     "terrestrial": "distances and azimuths",
     "statoscope": "statoscope",
@@ -54,7 +57,7 @@ class Row:
     """Function that runs it; None: it is not run."""
     reason: str = ""
     """Reason why it is not run."""
-    needs: Literal["", "terrestrial", "statoscope", "tilts"] = ""
+    needs: Needed = ""
     """Part of the block that it needs besides photos and control."""
 
 
@@ -147,15 +150,15 @@ class Ran:
 
 @dataclass(frozen=True, eq=False)
 class Table3:
-    """All methods on one block."""
+    """Methods, or programs, on one block."""
 
     title: str
     """Title."""
     rows: tuple[Ran, ...]
-    """The rows in the order of table 1."""
+    """The rows in the order of the table of the paper."""
 
     def of(self, number: int) -> Ran:
-        """Return the row of a method."""
+        """Return the row with a number."""
         return next(r for r in self.rows if r.row.number == number)
 
     def __str__(self) -> str:
@@ -173,8 +176,10 @@ class Table3:
             lines.append([*head, *counts, *figures, f"{len(o.errors)}", _cell(r.seconds, 2)])
         said = (
             "n, u and r are those of the last adjustment; relative orientations come before. RMS "
-            f"errors at k check points. Not run: {' '.join(left)}"
+            "errors at k check points."
         )
+        if left:
+            said = f"{said} Not run: {' '.join(left)}"
         table = layout.table(header, lines)
         return "\n".join([*layout.title(self.title), *table, "", *layout.paragraph(said)])
 
@@ -193,12 +198,13 @@ def run_methods(
         title: title of the table; by default the name of the network.
         numbers: numbers of the methods; by default all.
     """
-    rows = [_ran(row, block) for row in METHODS if numbers is None or row.number in numbers]
+    rows = [ran(row, block) for row in METHODS if numbers is None or row.number in numbers]
     name = block.network.name if title is None else title
     return Table3(f"Ayeni (1980), table 3: {name}", tuple(rows))
 
 
-def _ran(row: Row, block: MethodBlock) -> Ran:
+def ran(row: Row, block: MethodBlock) -> Ran:
+    """Run a method, or say why it is not run."""
     if row.method is None:
         return Ran(row, None, reason=row.reason)
     if row.needs and not getattr(block, row.needs):
@@ -212,19 +218,40 @@ def _ran(row: Row, block: MethodBlock) -> Ran:
     return Ran(row, found, perf_counter() - begin)
 
 
+def command_parser() -> argparse.ArgumentParser:
+    """Return the parser of the command."""
+    parser = argparse.ArgumentParser(prog="python -m examples.papers.methods_1980")
+    add_block_options(parser)
+    parser.add_argument(
+        "--methods",
+        nargs="+",
+        type=int,
+        choices=[r.number for r in METHODS],
+        metavar="N",
+        help="numbers of the methods to run (all)",
+    )
+    return parser
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print table 3 for the simulated block, or for a project."""
-    parser = argparse.ArgumentParser(prog="python -m examples.papers.methods_1980")
+    options = command_parser().parse_args(arguments)
+    print(run_methods(chosen_block(options), numbers=options.methods))
+    return 0
+
+
+def add_block_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that choose a block."""
     parser.add_argument("project", nargs="?", help="a project with photos, control, check points")
     parser.add_argument("--seed", type=int, default=1980, help="of the simulated block (1980)")
-    options = parser.parse_args(arguments)
+
+
+def chosen_block(options: argparse.Namespace) -> MethodBlock:
+    """Return the block of a project, or the simulated one."""
     if options.project is None:
-        block = simulated_block(options.seed)
-    else:
-        network = read_project(options.project)
-        block = MethodBlock(network, network)
-    print(run_methods(block))
-    return 0
+        return simulated_block(options.seed)
+    network = read_project(options.project)
+    return MethodBlock(network, network)
 
 
 if __name__ == "__main__":

@@ -201,17 +201,28 @@ def aerolevelled(network: Network, block: MethodBlock, *, practice: bool) -> Out
     """9, 22: models with heights of photos from a statoscope, height control in the corners."""
     models = as_models(with_corners(network, axes="z"))
     out = uncorrelated(models) if practice else models.network
+    add_statoscope(out, block)
+    return outcome(adjust(out), block)
+
+
+def add_statoscope(out: Network, block: MethodBlock) -> None:
+    """Add the statoscope: heights of photos above a surface of its own for each strip."""
     for o in block.statoscope:
         if o.profile is not None and o.profile not in out.profiles:
             out.set_profile(o.profile, free=("height", "height_t"))
     out.add(*(o for o in block.statoscope if o.photo in out.photos))
-    return outcome(adjust(out), block)
 
 
 def tilted(block: MethodBlock) -> Outcome:
     """14: models whose tilts are those measured of their first photos; control as 9."""
     models = as_models(with_corners(block.plotter, axes="z"))
     out = uncorrelated(models)
+    observe_tilts(out, models, block)
+    return outcome(adjust(out), block)
+
+
+def observe_tilts(out: Network, models: ModelBlock, block: MethodBlock) -> None:
+    """Weight the tilts of models with those that were measured of their first photos."""
     for m in models.models:
         rotation = block.tilts[m.photos[0]] @ FACING_DOWN.T
         turn = log_rotation(rotation[None])[0].tolist()
@@ -220,7 +231,6 @@ def tilted(block: MethodBlock) -> Outcome:
         out.of_kind("frame")[m.name] = replace(
             given, values=(*turn, *given.values[3:]), sigma=sigma
         )
-    return outcome(adjust(out), block)
 
 
 def without_plan(network: Network) -> Network:
@@ -328,7 +338,22 @@ def bundle(
     control: Literal["all", "corners", "one"] = "all",
     priors: bool = False,
 ) -> Outcome:
-    """17, 25, 26, 28, 29, 30: the bundle, with the given options.
+    """17, 25, 26, 28, 29, 30: the bundle, with the options of `bundle_network`."""
+    network = bundle_network(
+        block, lens=lens, terrestrial=terrestrial, control=control, priors=priors
+    )
+    return outcome(adjust(network), block)
+
+
+def bundle_network(
+    block: MethodBlock,
+    *,
+    lens: str = "held",
+    terrestrial: bool = False,
+    control: Literal["all", "corners", "one"] = "all",
+    priors: bool = False,
+) -> Network:
+    """Return the block of photos with what a method observes, weights and leaves free.
 
     Args:
         block: the block.
@@ -362,7 +387,7 @@ def bundle(
                 sigma_position=(SIGMA_CENTRE,) * 3,
                 sigma_attitude=SIGMA_ATTITUDE,
             )
-    return outcome(adjust(network), block)
+    return network
 
 
 def _calibrate(network: Network, block: MethodBlock, lens: str) -> None:
