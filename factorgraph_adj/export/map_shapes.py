@@ -16,7 +16,7 @@ import numpy as np
 from ..frames import Frame
 from ..graph.blocks import Block
 from ..graph.variables import calibration_name
-from ..models.inverse_lens import directions
+from ..models.inverse_lens import sight_lines
 from ..models.unknown_registry import VariableKind
 from ..quality.error_ellipses import ErrorEllipse, error_ellipses
 from ..report.adjusted_photos import image_statistics_by_photo
@@ -104,19 +104,19 @@ def _ring(solution: Solution, name: str, pose: int, edge: Array, seen: Array) ->
     number = solution.number("calibration", calibration_name(network, name))
     k = state["calibration"][None, number, : len(lens.names)]
     stored = state["pose"][pose]
-    rays = directions(lens, edge, k) @ stored[:9].reshape(3, 3).T
+    starts, rays = (x @ stored[:9].reshape(3, 3).T for x in sight_lines(lens, edge, k))
     middle = seen.mean(axis=0)
     east, north, up = network.frame.basis(middle[None], np.zeros((1, 2))).enu[0]
     ground = float(np.median((seen - middle) @ up))
-    centre = stored[9:12]
+    centres = stored[9:12] + starts
     down = rays @ up
-    below = ground - float((centre - middle) @ up)
+    below = ground - (centres - middle) @ up
     with np.errstate(divide="ignore", invalid="ignore"):
         t = below / down
     if not (np.isfinite(t).all() and (t > 0).all() and (np.abs(down) > MIN_SINE_TO_GROUND).all()):
         return None
-    ring = centre + t[:, None] * rays
-    x, y = (ring - centre) @ east, (ring - centre) @ north
+    ring = centres + t[:, None] * rays
+    x, y = (ring - middle) @ east, (ring - middle) @ north
     if np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y) < 0:
         ring = ring[::-1]
     return np.asarray(np.concatenate([ring, ring[:1]]))

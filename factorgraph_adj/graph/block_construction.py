@@ -27,6 +27,11 @@ from .weights import constant_sigma, vector_weights
 
 ABSENT = ""
 """Name of a variable that an observation could have and has not."""
+NO_PLANES = (
+    "lens model {!r} has no projection centre, through which the plane of a line could pass: "
+    "measure points of the line in photos of central projection"
+)
+"""Why a line in an image cannot be computed."""
 
 
 def variable_name(network: Network, kind: VariableKind, attribute: str, o: Observation) -> str:
@@ -176,11 +181,22 @@ def attribute_keys(
 def _cameras(
     network: Network, kind: ObservationKind, observations: Sequence[Observation]
 ) -> list[dict[str, Any]]:
-    """Return lens and readout of the camera of each observation whose model has a calibration."""
+    """Return lens and readout of the camera of each observation whose model has a calibration.
+
+    Raises:
+        InputError: lines in images of lens models of places.
+    """
     attribute = next((a for what, a in kind.variables if what == "calibration"), None)
     if attribute is None:
         return [{}] * len(observations)
-    photos = (network.photos[getattr(o, attribute)] for o in observations)
+    photos = [network.photos[getattr(o, attribute)] for o in observations]
+    problems = [
+        Problem(NO_PLANES.format(network.cameras[f.camera].lens.kind), o.label())
+        for f, o in zip(photos, observations, strict=True)
+        if network.cameras[f.camera].lens.takes == "places"
+    ]
+    if problems:
+        raise InputError(problems)
     used = {f.camera: network.cameras[f.camera] for f in network.photos.values()}
     given = {name: {"lens": c.lens, "readout": c.times()} for name, c in used.items()}
     return [given[f.camera] for f in photos]

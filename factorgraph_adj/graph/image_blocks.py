@@ -345,10 +345,10 @@ class ImageChunks:
     def depths(self, state: State) -> Array:
         """Return how far the point of each ray is on the side that its photo sees, (n,) metres.
 
-        It is the depth for lens models of tangents and the distance for those of rays.
+        See `in_front`.
         """
         lens = self.block.lens
-        if lens is not None and lens.takes == "rays":
+        if lens is not None and lens.takes != "tangents":
             (_, photos), _, (_, seen), *_ = self.block.variables
             return in_front(state["pose"][photos], state["point"][seen], lens)
         number = self.block.variables[2][1]

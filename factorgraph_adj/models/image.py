@@ -63,8 +63,10 @@ def in_front(pose: Array, point: Array, lens: Lens) -> Array:
     """Return how far points (n, 3) lie on the side that a camera sees, metres, (n,).
 
     It is the depth for models of tangents, and the distance, which is never negative, for models
-    of rays.
+    of rays. Models of places see every point: it is infinite.
     """
+    if lens.takes == "places":
+        return np.full(len(point), np.inf)
     if lens.takes == "rays":
         return np.asarray(np.linalg.norm(point - pose[:, 9:], axis=1))
     return depth(pose, point)

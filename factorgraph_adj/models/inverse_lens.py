@@ -7,6 +7,7 @@ import numpy as np
 from ..types import Array
 from .base import DegenerateError
 from .lens import Lens
+from .place_lens import PlaceLens
 from .ray_lens import RayLens
 
 LENS_ITERATIONS = 50
@@ -66,16 +67,31 @@ def directions(lens: Lens, xy: Array, calibration: Array) -> Array:
     """Return unit vectors (n, 3) of the rays of measured coordinates, in the axes of the camera.
 
     The axes are x right, y down, z ahead. Models of tangents are inverted by `tangents`; models of
-    rays by Newton's method on the unit sphere, v(d) = 0.
+    rays by Newton's method on the unit sphere, v(d) = 0. Models of places have lines, which do not
+    begin at the projection centre, see `sight_lines`; the vectors are theirs.
 
     Args:
         lens: the lens model.
         xy: measured coordinates, (n, 2), image units.
         calibration: parameters of the lens model, (n, k) or (1, k).
     """
+    if isinstance(lens, PlaceLens):
+        return lens.lines(xy, calibration)[1]
     if isinstance(lens, RayLens):
         return _on_sphere(lens, xy, calibration)
     return _unit(_ahead(tangents(lens, xy, calibration)))
+
+
+def sight_lines(lens: Lens, xy: Array, calibration: Array) -> tuple[Array, Array]:
+    """Return start and unit vector (n, 3) of the lines to the places of measured coordinates.
+
+    They are in the axes of the camera, metres. The start of a ray is the projection centre, zero;
+    models of places have starts of their own. Arguments as `directions`.
+    """
+    if isinstance(lens, PlaceLens):
+        return lens.lines(xy, calibration)
+    d = directions(lens, xy, calibration)
+    return np.zeros_like(d), d
 
 
 def _ahead(t: Array) -> Array:

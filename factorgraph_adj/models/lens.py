@@ -66,9 +66,10 @@ class Lens:
     """Base of the lens models, and the pinhole model with c, x0, y0."""
 
     kind: ClassVar[str] = "none"
-    takes: ClassVar[Literal["tangents", "rays"]] = "tangents"
+    takes: ClassVar[Literal["tangents", "rays", "places"]] = "tangents"
     """What the model is a function of. Models of tangents have images only of points in front of
-    the camera; models of rays have images of points at 90° to the axis and behind it, too."""
+    the camera; models of rays have images of points at 90° to the axis and behind it, too; models
+    of places have no projection centre, see `place_lens`."""
 
     @property
     def names(self) -> tuple[str, ...]:

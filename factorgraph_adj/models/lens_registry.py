@@ -19,6 +19,7 @@ from .normalised_lens import (
     RationalLens,
 )
 from .orthogonal_lens import EbnerLens, GruenLens
+from .place_lens import ParallelLens
 from .ray_lens import DivisionLens, EquirectangularLens, FisheyeLens, FovLens, UnifiedLens
 
 LENSES: dict[str, type[Lens]] = {}
@@ -73,5 +74,6 @@ for _lens in (
     DivisionLens,
     UnifiedLens,
     EquirectangularLens,
+    ParallelLens,
 ):
     register_lens(_lens)

@@ -59,7 +59,7 @@ class Stretch(NamedTuple):
 class RayLens(Lens):
     """Base of the lens models that take rays."""
 
-    takes: ClassVar[Literal["tangents", "rays"]] = "rays"
+    takes: ClassVar[Literal["tangents", "rays", "places"]] = "rays"
     own: ClassVar[tuple[str, ...]] = ()
     """Names of the parameters of D."""
 

@@ -11,7 +11,9 @@ import numpy as np
 from ..control_characters import refuse_control_characters
 from ..entities import ORIGINS, Camera, Origin, Parameter, Photo, Point, parameter, sigmas, triple
 from ..errors import InputError, Problem, known, similar, unknown_name
+from ..frames import Frame
 from ..models.lens import Lens
+from ..models.place_lens import PlaceLens
 from ..models.rolling_shutter import TOWARDS, Towards
 from ..models.unknown_registry import UNKNOWNS, UnknownKind
 from ..rotation import nearest_rotation, world_R_camera
@@ -201,8 +203,24 @@ def checked_photo(
     fixed: bool | Sequence[bool],
     sigma_position: float | Sequence[float] | None,
     sigma_attitude: float | None,
+    lens: Lens,
+    frame: Frame,
 ) -> Photo:
-    """Return a photo; arguments and errors are those of `Network.add_photo`."""
+    """Return a photo; arguments and errors are those of `Network.add_photo`.
+
+    Args:
+        name: as there, like all that follow.
+        camera: name of its camera.
+        position: projection centre.
+        omega_phi_kappa: attitude.
+        rotation: the same as a matrix.
+        fixed: held components.
+        sigma_position: standard deviations of the centre.
+        sigma_attitude: standard deviation of the attitude.
+        lens: the lens model of its camera. In parallel projection the coordinate that is nearest
+            to the viewing axis is held, unless six flags or ``sigma_position`` are given.
+        frame: frame of the network.
+    """
     where = f"photo {name!r}"
     at = None if position is None else triple(position, "position", where)
     if at is not None and any(np.isnan(v) for v in at):
@@ -212,6 +230,15 @@ def checked_photo(
     if rotation is not None:
         rotation = _checked_rotation(np.asarray(rotation, dtype=float), where)
     held = (bool(fixed),) * 6 if isinstance(fixed, bool) else tuple(map(bool, fixed))
+    if isinstance(lens, PlaceLens):
+        if at is None or rotation is None:
+            what = (
+                f"lens model {lens.kind!r} has no rays, by which a resection could find a photo: "
+                "give its approximate position and attitude"
+            )
+            raise InputError(Problem(what, where))
+        if fixed is False and sigma_position is None:
+            held = tuple(i == 3 + axis_along_view(rotation) for i in range(6))
     if len(held) != 6:
         raise InputError(Problem("fixed must be true, false or six flags", where))
     if any(held[:3]) != all(held[:3]):
@@ -232,6 +259,11 @@ def checked_photo(
         None if sigma_position is None else sigmas(sigma_position, 3, where),  # type: ignore[arg-type]
         sigma_attitude,
     )
+
+
+def axis_along_view(rotation: Array) -> int:
+    """Return the number of the coordinate axis that is nearest to the viewing axis of a photo."""
+    return int(np.argmax(np.abs(rotation[:, 2])))
 
 
 def free_components(kind: UnknownKind, free: Iterable[str], where: str) -> list[str]:

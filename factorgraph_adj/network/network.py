@@ -241,7 +241,9 @@ class Network(StatedUnknowns, Shown):
             omega_phi_kappa: ω, φ, κ, radians, R = R1(ω) R2(φ) R3(κ) photogrammetric → object.
             rotation: world_R_camera (3, 3) instead of angles; x right, y down, z forward.
             fixed: whether the whole pose is held, or six flags (three equal ones for the
-                rotations, then X, Y, Z).
+                rotations, then X, Y, Z). In parallel projection (`ParallelLens`) false holds the
+                coordinate nearest to the viewing axis, which no image point determines, unless
+                ``sigma_position`` is given; `remarks` says so.
             sigma_position: standard deviation of a weighted centre, metres.
             sigma_attitude: standard deviation of a weighted attitude, radians.
             carrier: name of the photo that carries it: the reference camera of its rig at the same
@@ -281,8 +283,18 @@ class Network(StatedUnknowns, Shown):
             fixed=fixed,
             sigma_position=sigma_position,
             sigma_attitude=sigma_attitude,
+            lens=self.cameras[camera].lens,
+            frame=self.frame,
         )
         self.photo_number[name] = len(self.photo_number)
+        if fixed is False and any(self.photos[name].fixed):
+            axis = "xyz"[self.photos[name].fixed.index(True) - 3]
+            what = (
+                f"camera {camera!r} has no projection centre: {axis} of its photos is held, which "
+                "no image point tells"
+            )
+            if what not in self.remarks:
+                self.remarks.append(what)
         self.add(*ties)
 
     # -- observations -------------------------------------------------------------------------

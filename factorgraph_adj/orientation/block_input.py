@@ -151,12 +151,17 @@ class Views:
 
     @classmethod
     def of(cls, network: Network) -> Views:
-        """Return the image points of a network."""
+        """Return the image points of a network, without those of lens models of places."""
         photo, point, xy, sigma = network.images.columns()
         cameras = tuple(network.cameras.values())
         number = {c.name: i for i, c in enumerate(cameras)}
         camera_of = np.array([number[f.camera] for f in network.photos.values()], dtype=np.intp)
         camera = camera_of[photo] if len(photo) else np.zeros(0, dtype=np.intp)
+        central = np.array([c.lens.takes != "places" for c in cameras], dtype=bool)
+        if not central.all():
+            photo, point, camera, xy, sigma = (
+                x[central[camera]] for x in (photo, point, camera, xy, sigma)
+            )
         return cls(
             network,
             tuple(network.photos),

@@ -277,6 +277,8 @@ class _CameraFigures:
 
 def _fields_of_view(lens: Lens, low: Array, high: Array, calibrations: Array) -> Array:
     """Return the largest angle of rays of each format from the axis of the camera, (n,)."""
+    if lens.takes == "places":  # no point is beside or behind the camera
+        return np.full(len(low), np.pi)
     out = np.empty(len(low))
     widest = np.pi if lens.takes == "rays" else np.pi / 2.0 * (1.0 - 1e-9)
     seen: dict[bytes, float] = {}

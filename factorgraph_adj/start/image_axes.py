@@ -73,6 +73,8 @@ def problems_of_marks(network: Network, poses: Array | None = None) -> tuple[Pro
     cameras = list(network.cameras.values())
     number = {c.name: i for i, c in enumerate(cameras)}
     camera = np.array([number[f.camera] for f in network.photos.values()], dtype=np.intp)
+    central = np.array([c.lens.takes != "places" for c in cameras], dtype=bool)
+    rows = rows[central[camera[photo[rows]]]]
     several, group = np.unique(point[rows], return_inverse=True)
     if len(several) < MIN_MARKED_POINTS:
         return tuple(problems)
@@ -158,6 +160,8 @@ def middle_of_format(camera: Camera) -> Array:
 def ray_misfits(lens: Lens, calibration: Array, xy: Array, rotation: Array, away: Array) -> Array:
     """Return how far the directions of rays (n,) are from those to their points; 2 at most.
 
+    They are 0 where there are no rays, of lens models of places.
+
     Args:
         lens: the lens model.
         calibration: parameters of the lens, (n, k) or (1, k).
@@ -165,6 +169,8 @@ def ray_misfits(lens: Lens, calibration: Array, xy: Array, rotation: Array, away
         rotation: world_R_camera, camera axes x right, y down, z ahead, (n, 3, 3).
         away: vectors from the projection centres to the points, (n, 3), metres.
     """
+    if lens.takes == "places":
+        return np.zeros(len(xy))
     with np.errstate(all="ignore"):  # distortion far outside the image
         ray = directions(lens, xy, calibration)
         q = np.einsum("nji,nj->ni", rotation, away)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..graph.equations import Equations
-from ..models.inverse_lens import directions
+from ..models.inverse_lens import sight_lines
 from ..types import Array, Index, Mask
 from .intersection import MIN_COMPARED_MISFIT
 from .search_state import SearchState
@@ -36,11 +36,14 @@ class ImageRays:
     """Number of the point, (n,)."""
     direction: Array
     """Unit vectors in camera axes (x right, y down, z forward), (n, 3)."""
+    start: Array
+    """Where they begin in camera axes, metres, (n, 3): zero but for lens models of places."""
 
 
 def read_rays(equations: Equations) -> ImageRays:
     """Turn the image coordinates of a network into rays."""
-    photos, points, found = [np.zeros(0, np.intp)], [np.zeros(0, np.intp)], [np.zeros((0, 3))]
+    photos, points = [np.zeros(0, np.intp)], [np.zeros(0, np.intp)]
+    starts, found = [np.zeros((0, 3))], [np.zeros((0, 3))]
     values = equations.unknowns["calibration"].values
     for block in equations.blocks:
         if block.lens is None:
@@ -50,8 +53,10 @@ def read_rays(equations: Equations) -> ImageRays:
         calibration = values[:, :k] if len(values) == 1 else values[number, :k]
         photos.append(block.variables[0][1])
         points.append(block.variables[2][1])
-        found.append(directions(block.lens, block.observed, calibration))
-    return ImageRays(np.concatenate(photos), np.concatenate(points), np.concatenate(found))
+        start, direction = sight_lines(block.lens, block.observed, calibration)
+        starts.append(start)
+        found.append(direction)
+    return ImageRays(*(np.concatenate(x) for x in (photos, points, found, starts)))
 
 
 def posed_photos(progress: SearchState) -> Mask:
@@ -60,12 +65,15 @@ def posed_photos(progress: SearchState) -> Mask:
 
 
 def world_rays(progress: SearchState, rays: ImageRays, rows: Index) -> tuple[Array, Array]:
-    """Return projection centres and unit vectors in the frame, (n, 3) each, of some rays."""
+    """Return starts and unit vectors in the frame, (n, 3) each, of some rays."""
     pose = progress.pose[rays.photo[rows]]
-    seen = rays.direction[rows]
     r = pose[:, :9]
-    d = r[:, 0::3] * seen[:, :1] + r[:, 1::3] * seen[:, 1:2] + r[:, 2::3] * seen[:, 2:]
-    return pose[:, 9:], d
+
+    def turned(seen: Array) -> Array:
+        return r[:, 0::3] * seen[:, :1] + r[:, 1::3] * seen[:, 1:2] + r[:, 2::3] * seen[:, 2:]
+
+    start, centre = rays.start[rows], pose[:, 9:]
+    return centre + turned(start) if start.any() else centre, turned(rays.direction[rows])
 
 
 def nearest_to_rays(

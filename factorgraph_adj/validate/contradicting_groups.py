@@ -101,6 +101,8 @@ def wrong_photo_axes(equations: Equations) -> Iterator[Finding]:
     """Iterate over photos whose rotations, or image axes, fit the given orientation otherwise."""
     for block, rows in given_rows(equations, "image"):
         assert block.lens is not None
+        if block.lens.takes == "places":
+            continue
         poses = equations.unknowns["pose"].values
         (_, photo), (_, camera), (_, point) = ((k, i[rows]) for k, i in block.variables[:3])
         calibration = equations.unknowns["calibration"].values[camera][:, : len(block.lens.names)]

@@ -18,7 +18,7 @@ from factorgraph_adj import observations as o
 from factorgraph_adj.ellipsoid import ellipsoid
 from factorgraph_adj.frames import Frame, GeocentricFrame, LocalFrame, TopocentricFrame
 from factorgraph_adj.graph.equations import Equations, compile_network
-from factorgraph_adj.models import lens, ray_lens
+from factorgraph_adj.models import lens, place_lens, ray_lens
 from factorgraph_adj.models.deformation import DEFORMATIONS, HEIGHT_TERMS
 from factorgraph_adj.models.normalised_lens import (
     AffineNormalisedLens,
@@ -732,8 +732,11 @@ LENSES_USED: dict[str, Calibrated] = {
     "division": Calibrated(ray_lens.DivisionLens(), _INTERIOR | {"k1": -0.2} | _AFFINITY),
     "eucm": Calibrated(ray_lens.UnifiedLens(), _INTERIOR | {"alpha": 0.6, "beta": 1.1} | _AFFINITY),
     "equirectangular": Calibrated(ray_lens.EquirectangularLens(), _INTERIOR),
+    "parallel": Calibrated(place_lens.ParallelLens(), _INTERIOR | _BROWN | _AFFINITY | {"c": 3.0}),
 }
 """Lens models, image units mm."""
+CENTRAL = [name for name, used in LENSES_USED.items() if used.lens.takes != "places"]
+"""Those of a central projection, in which lines have planes."""
 
 
 @dataclass(frozen=True)

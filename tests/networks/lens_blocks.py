@@ -17,8 +17,9 @@ BOX = np.array([6.0, 6.0, 4.0])
 KNOWN = 0.002
 """Standard deviation of each additional parameter: what moves a corner by this part of the half
 diagonal of the format."""
-FREE = {"tangents": ("c", "x0", "y0"), "rays": ("c",)}
-"""What is free; the principal point of a lens that sees all around is an attitude."""
+FREE = {"tangents": ("c", "x0", "y0"), "rays": ("c",), "places": ("c",)}
+"""What is free; the principal point of a lens that sees all around is an attitude, and that of
+parallel projection a shift of all photos."""
 FORMAT = (24.0, 18.0)
 SIGMA = 0.003
 """Standard deviation of image coordinates, mm."""

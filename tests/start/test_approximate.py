@@ -16,7 +16,7 @@ from factorgraph_adj.entities import FREE_ORIENTATION
 from factorgraph_adj.errors import ApproximationError
 from factorgraph_adj.frames import GeocentricFrame, LocalFrame, TopocentricFrame
 from factorgraph_adj.graph.equations import compile_network
-from factorgraph_adj.models.inverse_lens import directions
+from factorgraph_adj.models.inverse_lens import sight_lines
 from factorgraph_adj.models.lens import BrownForwardLens, BrownLens, HarmonicLens, Lens
 from factorgraph_adj.models.lens_registry import LENSES
 from factorgraph_adj.network.network import Network
@@ -597,9 +597,10 @@ def test_rays_of_measured_points_give_the_measured_points(kind):
         if name in lens.names:
             k[0, lens.names.index(name)] = value
     xy = np.random.default_rng(2).uniform(-12.0, 12.0, (50, 2))
-    rays = directions(lens, xy, k)
+    start, rays = sight_lines(lens, xy, k)
     np.testing.assert_allclose(np.linalg.norm(rays, axis=1), 1.0, atol=1e-14)
-    v = lens.seen(tuple(rays.T), *xy.T, np.repeat(k, 50, axis=0), jacobians=False).v
+    along = start + 7.0 * rays
+    v = lens.seen(tuple(along.T), *xy.T, np.repeat(k, 50, axis=0), jacobians=False).v
     assert np.abs(v).max() < 1e-5
 
 

@@ -28,6 +28,7 @@ from tests.networks import alignment, on_shapes
 from tests.networks.bent_strips import bent_strips
 from tests.networks.deformed_models import deformed_block
 from tests.networks.instruments import room_of
+from tests.networks.microscope import microscope
 from tests.networks.odometry import odometry
 from tests.networks.rigs import rig
 from tests.networks.rolling_drone import INTERVAL, flown
@@ -451,6 +452,7 @@ NETWORKS: dict[str, Callable[[], fga.Network]] = {
     "body_vector": bodies,
     **dict.fromkeys(("photo_shift", "photo_turn"), moving_photos),
     "correlated": correlated_directions,
+    "image, parallel projection": microscope,
     "mixed": mixed,
 }
 """A network for each kind of observation, one with correlated groups, and a mixed one."""

@@ -276,6 +276,8 @@ def _oriented(
     """Return the photo, oriented from image coordinates; None: it has no orientation."""
     lens = rays.block.lens
     assert lens is not None
+    if lens.takes == "places":
+        return None
     xyz = np.array([clean.point(p) for p in rays.points])
     calibration = rays.calibration[: len(lens.names)]
     pose = resect(xyz, directions(lens, xy, calibration[None, :]))

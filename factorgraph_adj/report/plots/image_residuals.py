@@ -93,15 +93,16 @@ class ImageRows:
         """Return rays to the corners of the sensor in the axes of the camera, (4, 3).
 
         Without a stated format these are the corners of the measured area; tangents of ± ½ without
-        points. Rays of models of tangents have the depth 1 and ignore distortion.
+        points, and for models of places. Rays of models of tangents have the depth 1 and ignore
+        distortion.
         """
         network = self.solution.network
         name = next((f.name for f in network.photos.values() if f.camera == camera), None)
         corners = network.cameras[camera].corners() or self.areas.get(camera)
-        if corners is None or name is None:
+        lens = network.cameras[camera].lens
+        if corners is None or name is None or lens.takes == "places":
             low, high = np.array([-0.5, -0.5]), np.array([0.5, 0.5])
         else:
-            lens = network.cameras[camera].lens
             if lens.takes == "rays":
                 number = self.solution.number("calibration", calibration_name(network, name))
                 k = self.solution.state["calibration"][None, number, : len(lens.names)]
