@@ -56,7 +56,12 @@ def read_rays(equations: Equations) -> ImageRays:
         start, direction = sight_lines(block.lens, block.observed, calibration)
         starts.append(start)
         found.append(direction)
-    return ImageRays(*(np.concatenate(x) for x in (photos, points, found, starts)))
+    return ImageRays(
+        np.concatenate(photos),
+        np.concatenate(points),
+        np.concatenate(found),
+        np.concatenate(starts),
+    )
 
 
 def posed_photos(progress: SearchState) -> Mask:
