@@ -425,8 +425,8 @@ class Isam(metaclass=ChecksArguments):
         for name, part, noise in observation_parts(with_eased_ties(equations, system, diagonal)):
             if name not in self._entered:
                 factor = observation_factor(network.frame, unknowns, state, part, noise(), keys)
-                ids = tuple(p.block.ids[i] for p in part for i in p.chosen.tolist())
-                added[name] = EnteredFactor(factor, at, ids, sigmas_of(part))
+                ids = dict.fromkeys(p.block.ids[i] for p in part for i in p.chosen.tolist())
+                added[name] = EnteredFactor(factor, at, tuple(ids), sigmas_of(part))
         added |= {name: EnteredFactor(factor, at) for name, factor in more.items()}
         touched = {k for e in added.values() for k in list(e.factor.keys())}
         for (kind, number), sigma in held_sigmas(unknowns, diagonal).items():

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 from typing import TypeAlias
 
 import gtsam
@@ -25,7 +26,7 @@ from ..solve.datum_defects import FreeDatum, find_defects
 from ..solve.inner_constraints import datum_columns
 from ..solve.linearised_equations import LinearisedEquations
 from ..solve.rigid_mounts import eased_ties
-from ..types import Array
+from ..types import Array, Index
 
 MAX_CONSTRAINT_WEIGHT_RATIO = 2.0**20
 """Weight of the constraints, relative to that of the best observed coordinate."""
@@ -208,15 +209,23 @@ def observation_parts(equations: Equations) -> Iterator[NamedParts]:
 
 
 def _single(equations: Equations) -> Iterator[NamedParts]:
-    """Yield the observations without correlations to others."""
+    """Yield the observations without correlations to others.
+
+    An observation of coordinates, which has a row of its own for each axis, is one factor.
+    """
     for place, block in enumerate(equations.blocks):
         alone = np.ones(block.n, dtype=bool)
         alone[equations.in_cluster.get(place, slice(0))] = False
-        rows = np.arange(block.dimension)[None]
+        chosen = np.flatnonzero(alone)
         noise = _noise_models(block)
-        for i in np.flatnonzero(alone).tolist():
-            name = equations.id(block.first_row + i * block.dimension)
-            yield name, [Part(block, np.array([i]), rows)], partial(noise, i)
+        number = equations.observation_of_row[block.first_row + chosen * block.dimension]
+        starts = [0, *(np.flatnonzero(np.diff(number)) + 1).tolist(), len(chosen)]
+        for begin, end in pairwise(starts):
+            own = chosen[begin:end]
+            if len(own):
+                name = equations.id(block.first_row + int(own[0]) * block.dimension)
+                rows = np.arange(block.dimension * len(own)).reshape(len(own), -1)
+                yield name, [Part(block, own, rows)], partial(noise, own)
 
 
 def _parts(blocks: tuple[Block, ...], cluster: Cluster) -> list[Part]:
@@ -236,17 +245,18 @@ def _parts(blocks: tuple[Block, ...], cluster: Cluster) -> list[Part]:
     return parts
 
 
-def _noise_models(block: Block) -> Callable[[int], gtsam.noiseModel.Base]:
-    """Return a function from observation number to noise model; equal models are shared."""
+def _noise_models(block: Block) -> Callable[[Index], gtsam.noiseModel.Base]:
+    """Return a function from numbers in a block to noise model; equal models are shared."""
     whitener = block.whitener
     if whitener is not None:
-        return lambda i: _gaussian(whitener[i])
+        return lambda own: _gaussian(whitener[int(own[0])])
     models: dict[bytes, gtsam.noiseModel.Base] = {}
 
-    def diagonal(i: int) -> gtsam.noiseModel.Base:
-        key = block.sigma[i].tobytes()
+    def diagonal(own: Index) -> gtsam.noiseModel.Base:
+        sigma = block.sigma[own].ravel()
+        key = sigma.tobytes()
         if key not in models:
-            models[key] = gtsam.noiseModel.Diagonal.Sigmas(block.sigma[i])
+            models[key] = gtsam.noiseModel.Diagonal.Sigmas(sigma)
         return models[key]
 
     return diagonal

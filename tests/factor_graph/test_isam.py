@@ -15,6 +15,7 @@ from factorgraph_adj.graph.observation_selection import without
 from factorgraph_adj.graph.user_factors import KeyOf, MakesFactor
 from factorgraph_adj.observations import Correlated, SlopeDistance
 from factorgraph_adj.simulation.measurement import measure
+from factorgraph_adj.simulation.simulated_blocks import simulate_aerial_block
 from tests.networks.building_site import site
 from tests.networks.deformed_models import deformed_block
 from tests.networks.odometry import odometry
@@ -59,6 +60,24 @@ def test_after_settling_it_is_the_batch(make) -> None:
     moved, scatter = apart(isam, solution)
     assert moved < AT_REST
     assert scatter < AT_REST
+
+
+def test_an_observation_of_coordinates_enters_with_all_of_its_axes() -> None:
+    """Control observed in x, y and z has a row in a block of its own for each axis."""
+    network = simulate_aerial_block(1, image_points=200, points_per_photo=50).network
+    solution = fga.adjust(network, tolerance=1e-9)
+    isam = fga.Isam(network)
+    isam.settle()
+    assert 2 * isam.graph.error(isam.values) == pytest.approx(solution.vtpv, rel=1e-9)
+    assert max(apart(isam, solution)) < AT_REST
+    control = solution.equations.blocks[1]
+    assert control.kind == "control" and len(set(control.ids)) == 4
+    before = len(isam)
+    isam.remove(control.ids[0])
+    assert len(isam) == before - 1
+    isam.settle()
+    rest = fga.adjust(without(network, [control.ids[0]]), tolerance=1e-9)
+    assert max(apart(isam, rest)) < AT_REST
 
 
 def test_a_free_network_has_its_inner_constraints() -> None:
