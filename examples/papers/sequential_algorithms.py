@@ -181,16 +181,18 @@ def run_filters(stream: Stream) -> list[FilterRow]:
     out = []
     for name, one in running.items():
         found = one.cofactors()
+        adding, removing = (float(np.median(seconds[name][s] or [0.0])) for s in (1.0, -1.0))
         out.append(
             FilterRow(
-                name,
-                *(float(np.median(seconds[name][s])) if seconds[name][s] else 0.0 for s in (1, -1)),
-                float(np.median(operations[name])),
-                one.numbers,
-                float(np.abs((one.x - x) / sigma).max()),
-                float(np.abs(np.sqrt(np.diag(found)) / sigma - 1.0).max()),
-                float(np.abs((found - q) / np.outer(sigma, sigma)).max()),
-                abs(one.vtv / vtv - 1.0),
+                name=name,
+                adding=adding,
+                removing=removing,
+                operations=float(np.median(operations[name])),
+                numbers=one.numbers,
+                unknowns=float((np.abs(one.x - x) / sigma).max()),
+                sigmas=float(np.abs(np.sqrt(np.diag(found)) / sigma - 1.0).max()),
+                cofactors=float(np.abs((found - q) / np.outer(sigma, sigma)).max()),
+                vtv=abs(one.vtv / vtv - 1.0),
             )
         )
     return out

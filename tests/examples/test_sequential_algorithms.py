@@ -76,7 +76,7 @@ def test_only_what_is_linearised_again_reaches_the_minimum() -> None:
     linear, once, base, loose, tight, *ours = errors.values()
     assert linear > 1.0 > once
     assert linear > base > tight
-    assert tight < loose < linear and tight < 0.1
+    assert tight < loose < linear / 10  # iSAM2 linearises again what has moved most
     assert max(ours) < 0.01
 
 
