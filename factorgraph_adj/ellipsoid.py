@@ -82,6 +82,7 @@ ELLIPSOIDS: dict[str, Ellipsoid] = {
         Ellipsoid("GRS67", 6378160.0, 298.247167427),
         Ellipsoid("Helmert1906", 6378200.0, 298.3),
         Ellipsoid("WGS72", 6378135.0, 298.26),
+        Ellipsoid("Moon", 1737400.0, float("inf")),
     )
 }
 """Ellipsoids by name."""

@@ -15,6 +15,7 @@ import numpy as np
 from ..frames import Frame
 from ..rotation import right_jacobian_inverse, skew
 from ..types import Array, Index, Mask
+from .arcs import GM, TERMS
 from .positions import heights
 from .sub_frame import horizons, split_frame
 
@@ -123,6 +124,22 @@ def of_photo_motions(motions: Motions, values: Array, at: Index) -> Array:
     out = np.zeros((len(values), 6, 7))
     out[:, :3, 3:6] = -skew(values[:, :3]) / motions.size
     out[:, :3, 6] = values[:, :3] / motions.size
+    return out
+
+
+def of_arcs(motions: Motions, values: Array, at: Index) -> Array:
+    """Return the motions of arcs, see `arcs`: places, velocities and higher powers move as vectors.
+
+    GM grows with the cube of the scale. That an orbit keeps its centre, and that this centre turns
+    about z, residuals of photos notice.
+    """
+    out = np.zeros((len(values), values.shape[1], 7))
+    out[:, :3] = motions.of_places(values[:, :3])
+    for first in (3, *range(TERMS, values.shape[1], 3)):
+        vector = values[:, first : first + 3]
+        out[:, first : first + 3, 3:6] = -skew(vector) / motions.size
+        out[:, first : first + 3, 6] = vector / motions.size
+    out[:, GM, 6] = 3.0 * values[:, GM] / motions.size
     return out
 
 

@@ -19,6 +19,7 @@ from ..entities import (
 from ..errors import InputError, Problem
 from ..models.deformation import HIGHEST
 from ..models.unknown_registry import VariableKind, unknown_kind
+from .arcs import Arcs
 from .composite_unknowns import OfKind, StatedShapes
 from .construction import (
     checked_frame,
@@ -30,7 +31,7 @@ from .construction import (
 from .photo_motions import PhotoMotions
 
 
-class StatedUnknowns(StatedShapes, PhotoMotions):
+class StatedUnknowns(StatedShapes, PhotoMotions, Arcs):
     """Part of a network: its unknowns besides points, photos and cameras, by kind and name."""
 
     points: dict[str, Point]

@@ -87,7 +87,24 @@ class Example:
 MOVING = Stated("photo_motion", "f", (8.0, -3.0, 0.5, 0.2, -0.1, 0.3), (1.0,) * 3 + (0.1,) * 3)
 """Motion of the photo f, m/s and rad/s."""
 
+ORBIT = Stated(
+    "arc",
+    "orbit",
+    (900.0, 240.0, -300.0, -2.0, 7.0, 1.0, 5e4, 1e-2),
+    (1.0,) * 3 + (0.1,) * 3 + (1e3, 1e-3),
+)
+"""Arc of an orbit about a small body that turns: m, m/s, m³/s², rad/s."""
+
 EXAMPLES: dict[str, Example] = {
+    "photo_on_arc": Example(
+        lambda: [
+            o.PhotoOnArc("f", "orbit", covariance=COVARIANCE, time=-31.0),
+            o.PhotoOnArc("g", "orbit", (0.1, 0.0, 0.2), sigma=(1.0, 2.0, 3.0), time=-12.0),
+            o.PhotoOnArc("f", "orbit", sigma=(1.0, 2.0, 3.0), time=0.0),
+            o.PhotoOnArc("g", "orbit", sigma=(1.0, 2.0, 3.0), time=29.0),
+        ],
+        (ORBIT,),
+    ),
     "ellipsoid_distance": Example(
         lambda: [
             o.EllipsoidDistance("i", "j", 1.0, sigma=0.01, station_surface=31.0, target_surface=30),
@@ -385,12 +402,18 @@ def add_examples(network: Network, points: Sequence[str], photos: Sequence[str] 
     called = dict(zip("ijkl", points, strict=False)) | dict(zip("fg", photos, strict=False))
     add_unknowns(network, photos=called)
     for example in EXAMPLES.values():
-        for x in example.observations():
+        added = 0
+        for x in (whole := example.observations()):
             own = [a for k, a in KINDS[x.kind].parameters if UNKNOWNS[k].in_photo]
             named = {a: getattr(x, a) for a in (*KINDS[x.kind].named, *own)}
             if set(named.values()) <= {*called, None}:
                 there = {a: name and called[name] for a, name in named.items()}
                 network.add(replace(x, **there))
+                added += 1
+        for x in example.unknowns:
+            if added < len(whole) and not UNKNOWNS[x.kind].in_photo:
+                # Fewer observations than the example has do not determine its unknowns.
+                network.set_unknown(x.kind, x.name, x.values, fixed=True)
 
 
 _GRS80 = ellipsoid("GRS80")

@@ -387,6 +387,22 @@ def moving_photos() -> fga.Network:
     return network
 
 
+def on_an_orbit() -> fga.Network:
+    """Photos of an orbit about a small body, whose GM is unknown too."""
+    network = photos()()
+    times = {f: 8.0 * i for i, f in enumerate(network.photos)}
+    orbit = {"x": 40.0, "y": 20.0, "z": 300.0, "x_t": 2.0, "y_t": -1.0, "z_t": 0.3, "x_tt": 0.01}
+    network.add_arc("orbit", times, sigma=0.02, gm=2e3, spin=1e-3, power=2, values=orbit)
+    network.set_unknown(
+        "arc",
+        "orbit",
+        network.of_kind("arc")["orbit"].values,
+        fixed=("gm", "spin"),
+        sigma={f"{a}_tt": 1e-3 for a in "xyz"},
+    )
+    return network
+
+
 NETWORKS: dict[str, Callable[[], fga.Network]] = {
     "slope_distance": slope_distances,
     "horizontal_distance": horizontal_distances,
@@ -450,6 +466,7 @@ NETWORKS: dict[str, Callable[[], fga.Network]] = {
     ),
     **dict.fromkeys(("planar_vector", "heading_difference"), vehicles),
     "body_vector": bodies,
+    "photo_on_arc": on_an_orbit,
     **dict.fromkeys(("photo_shift", "photo_turn"), moving_photos),
     "correlated": correlated_directions,
     "image, parallel projection": microscope,
