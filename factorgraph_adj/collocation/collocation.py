@@ -31,7 +31,7 @@ import numpy as np
 from ..errors import InputError, Problem, known
 from ..result_display import Rows, Shown
 from ..stochastic_model import whitening
-from ..types import Array, Index
+from ..types import Array, Index, Mask
 from .covariance_function import CovarianceFunction, distances
 from .trend import Trend
 
@@ -315,7 +315,7 @@ def collocate(
     if names is not None and len(names) != n:
         problems.append(Problem(f"{n} places need as many names, not {len(names)}"))
     functions = _functions(covariance, c, problems)
-    noises = _noises(noise, n, c, problems)
+    noises = _noises(noise, np.isfinite(values), problems)
     if problems:
         raise InputError(problems)
     labels = tuple(names) if names is not None else tuple(str(i + 1) for i in range(n))
@@ -401,20 +401,35 @@ def _functions(
     return found
 
 
-def _noises(noise: float | Array, n: int, c: int, problems: list[Problem]) -> list[Array]:
-    """Return the covariance of the noise of each component, (n, n)."""
+def _noises(noise: float | Array, on: Mask, problems: list[Problem]) -> list[Array]:
+    """Return the covariance of the noise of each component, (n, n); ``on``: what is observed."""
+    n, c = on.shape
     given = np.asarray(noise, dtype=float)
     if given.shape == (n, n) and c == 1 and n > 1:
         return [given]
     try:
-        sigma = np.broadcast_to(given, (n, c))
-    except ValueError:
-        what = f"noise must be σ, or σ of shape ({c},) or ({n}, {c})"
-        problems.append(Problem(f"{what}, not an array of shape {given.shape}"))
+        sigma = sigmas_of_noise(given, (n, c))
+    except InputError as error:
+        problems += error.problems
         return []
-    if not (np.isfinite(sigma) & (sigma >= 0)).all():
+    if not (np.isfinite(sigma) & (sigma >= 0))[on].all():
         problems.append(Problem("the σ of noise must be zero or greater"))
     return [np.diag(sigma[:, k] ** 2) for k in range(c)]
+
+
+def sigmas_of_noise(noise: float | Array, shape: tuple[int, int]) -> Array:
+    """Return σ of the noise of each value, of the shape (n, c) of the values.
+
+    Raises:
+        InputError: it is neither one number, nor one of each component or value.
+    """
+    given = np.asarray(noise, dtype=float)
+    n, c = shape
+    try:
+        return np.broadcast_to(given[:, None] if given.shape == (n,) and c == 1 else given, shape)
+    except ValueError:
+        what = f"noise must be σ, or σ of shape ({c},) or ({n}, {c})"
+        raise InputError(f"{what}, not an array of shape {given.shape}") from None
 
 
 def _singular(places: Array, names: list[str], error: InputError) -> str:

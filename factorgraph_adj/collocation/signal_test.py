@@ -3,7 +3,7 @@
 With the values ℓ, whitened by their noise, the projection M that takes out the trend, and the
 weights W of neighbours,
 
-    I = (n / Σ W) zᵀ W z / zᵀ z,   z = M ℓ
+    I = (n / Σ W) zᵀ W z / zᵀ z,   z = M D⁻½ ℓ,   W = D⁻½ (w_ij) D⁻½
 
 which is scale-free: it needs no σ of the noise, only its ratios (Moran 1950, Biometrika 37, 17–23;
 of residuals Cliff & Ord 1981). w_ij = 1 where j is one of the `NEIGHBOURS` nearest places of i, and
@@ -22,7 +22,7 @@ from ..errors import InputError
 from ..result_display import Shown
 from ..statistical_tests import ALPHA_OF_MODEL
 from ..types import Array
-from .collocation import as_places
+from .collocation import as_places, sigmas_of_noise
 from .covariance_function import distances
 from .trend import Trend
 
@@ -88,8 +88,9 @@ def signal_test(
     if min(len(p) for p in contrasts.places) < 3:
         raise InputError("a test of a signal needs at least 3 places of each component")
     weights = contrasts.quadratic_form(_neighbours)
-    z, total = contrasts.values, sum(_neighbours(p).sum() for p in contrasts.places)
-    scale = contrasts.n / total
+    own = zip(contrasts.places, contrasts.sigmas, strict=True)
+    total = sum(float((1.0 / s) @ _neighbours(p) @ (1.0 / s)) for p, s in own)
+    z, scale = contrasts.values, contrasts.n / total
     ratio = float(z @ weights @ z / (z @ z)) if (z @ z) > 0 else 0.0
     eigenvalues = np.asarray(np.linalg.eigvalsh(weights), dtype=float)
     probability = upper_probability_of_form(eigenvalues - ratio)
@@ -140,6 +141,8 @@ class TrendContrasts:
 
     places: tuple[Array, ...]
     """Places of each component."""
+    sigmas: tuple[Array, ...]
+    """σ of the noise there."""
     values: Array
     """Contrasts z, (n − u,): of noise alone they are independent with variance 1."""
     transfers: tuple[Array, ...]
@@ -177,7 +180,7 @@ def trend_contrasts(
     values = values[:, None] if values.ndim == 1 else values
     if values.ndim != 2 or len(values) != len(where):
         raise InputError(f"{len(where)} places need as many rows of values, not {values.shape}")
-    sigma = np.broadcast_to(np.asarray(noise, dtype=float), values.shape)
+    sigma = sigmas_of_noise(noise, (len(values), values.shape[1]))
     on = np.isfinite(values)
     if not on.any() or not (sigma[on] > 0).all():
         raise InputError("values are needed, and a σ of their noise greater than zero")
@@ -191,7 +194,9 @@ def trend_contrasts(
     # The last n − u columns of a full Q span what is orthogonal to the trend.
     null = np.linalg.qr(white, mode="complete")[0][:, u:].T
     transfers, first = [], 0
+    places_of = tuple(where[i] for i in columns)
+    own = tuple(sigma[i, k] for k, i in enumerate(columns))
     for k, i in enumerate(columns):
         transfers.append(null[:, first : first + len(i)] / sigma[i, k])
         first += len(i)
-    return TrendContrasts(tuple(where[i] for i in columns), null @ told, tuple(transfers), n)
+    return TrendContrasts(places_of, own, null @ told, tuple(transfers), n)

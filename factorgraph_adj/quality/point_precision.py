@@ -13,6 +13,7 @@ import numpy as np
 
 from ..blas_threads import with_one_thread
 from ..errors import InputError, Problem, taking
+from ..frames import Frame
 from ..result_display import Rows, Shown
 from ..solve.solution import Solution
 from ..types import Array
@@ -100,12 +101,25 @@ def check_points(solution: Solution) -> CheckPoints:
     sigmas = np.array([solution.standard_deviations(p.name) for p in points]).reshape(-1, 3)
     found = solution.state["point"][np.array(numbers, dtype=np.intp)]
     differences = found - known
-    enu = solution.network.frame.basis(found, np.zeros((len(found), 2))).enu
+    turned = along_horizon(solution.network.frame, found, differences)
+    return CheckPoints(tuple(p.name for p in points), differences, sigmas, turned)
+
+
+def along_horizon(frame: Frame, at: Array, differences: Array) -> Array:
+    """Return differences in the axes of a frame along east, north and up at each place, (n, 3).
+
+    Args:
+        frame: the frame.
+        at: places, (n, 3).
+        differences: differences of coordinates, (n, 3), NaN where unknown: a component to which an
+            unknown one contributes is NaN.
+    """
+    enu = frame.basis(at, np.zeros((len(at), 2))).enu
     turned = np.einsum("nij,nj->ni", enu, np.where(np.isnan(differences), 0.0, differences))
     # Up at a point of a topocentric frame leans from that of its origin by its distance / R.
     unknown = np.isnan(differences)[:, None, :] & (np.abs(enu) > MAX_SHARE_OF_UNKNOWN)
     turned[unknown.any(axis=2)] = np.nan
-    return CheckPoints(tuple(p.name for p in points), differences, sigmas, turned)
+    return np.asarray(turned)
 
 
 def _by_axis(values: Array) -> Array:

@@ -133,6 +133,14 @@ def test_noise_has_no_signal_as_often_as_alpha_says() -> None:
     assert 30 <= found <= 72  # 50 ± 3.2 σ
 
 
+def test_the_unit_of_noise_does_not_matter() -> None:
+    where, values = drawn(30, 1)
+    noise = np.random.default_rng(2).uniform(0.5, 2.0, 30)
+    one, other = (signal_test(where, values, noise=s * noise) for s in (1.0, 1e-3))
+    assert one.moran == pytest.approx(other.moran) and one.expected == pytest.approx(other.expected)
+    assert one.probability == pytest.approx(other.probability)
+
+
 def test_a_signal_is_found() -> None:
     found = sum(signal_test(*drawn(40, seed)).has_signal for seed in range(20))
     assert found >= 18

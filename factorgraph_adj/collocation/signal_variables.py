@@ -1,0 +1,179 @@
+"""Signals as variables of a network: deformation of a block and its adjustment at once.
+
+Point P of the block is at X, in the undeformed system of the control at X' = X + s, with signals s
+that have a joint covariance C. X' of control and of points that are to be predicted are points of
+the network, "P+s": what is known of a control point, held, weighted or observed with the noise D,
+is known of P+s, and the differences
+
+    X' − X = 0,   joint covariance C
+
+are correlated observations. The adjustment is then the collocation ℓ = A x + s + n with the whole
+block as its trend: of P+s it has the filtered or predicted coordinates with σ and covariances. It
+has the same x̂ as control with the covariance C + D. No kind of observation is new, so that all
+that an adjustment has, reliability, snooping, files, arrivals, is there for signals too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+
+from ..errors import InputError, Problem, taking, unknown_name
+from ..frames import GeocentricFrame
+from ..network.network import Network
+from ..observations.correlated_observations import Correlated
+from ..observations.positions import ControlPoint
+from ..observations.relations import CoordinateDifference
+from ..types import Array
+from .covariance_function import CovarianceFunction
+
+WITH_SIGNAL = "+s"
+"""Behind the name of a point: the point with its signal."""
+
+
+@taking(Network)
+def with_signals(
+    network: Network,
+    *,
+    covariance: CovarianceFunction | None,
+    height: CovarianceFunction | Literal["same"] | None = "same",
+    points: Sequence[str] = (),
+) -> Network:
+    """Return a network in which control has signals with a joint covariance, see the module.
+
+    Args:
+        network: the network; it stays unchanged. Distances of points follow from their given
+            coordinates, x and y.
+        covariance: covariance function of the signals in x and y, metres; None: there are none.
+        height: the same of z; ``same``: that of the plan.
+        points: further points of which a point with the signal is wanted, besides control.
+
+    Returns:
+        The network with points "P+s" for each control point and each of ``points``. Their
+        components without a signal are held where P is given, and mean nothing.
+
+    Raises:
+        InputError: a point is unknown or has no given coordinates, no component has a signal, no
+            point has control, or control is known along other axes.
+    """
+    if isinstance(network.frame, GeocentricFrame):
+        raise InputError("signals are along x, y and z of a local or topocentric frame")
+    functions = (covariance, covariance, covariance if isinstance(height, str) else height)
+    axes = "".join(
+        a for a, f in zip("xyz", functions, strict=True) if f is not None and f.sigma > 0
+    )
+    if not axes:
+        raise InputError("there is no signal: state a covariance function with σ > 0")
+    on = np.array([a in axes for a in "xyz"])
+    control = _control(network, axes, on)
+    if unknown := [p for p in points if p not in network.points]:
+        raise InputError(unknown_name("point", unknown[0], network.points))
+    names = [*dict.fromkeys([*control, *points])]
+    places = np.array([network.points[n].coordinates for n in names], dtype=float)
+    if bad := [n for n, at in zip(names, places, strict=True) if not np.isfinite(at).all()]:
+        raise InputError(
+            Problem("signals need given, or approximate, coordinates", f"point {bad[0]!r}")
+        )
+    out = network.copy()
+    for name in names:
+        p = network.points[name]
+        known = control.get(name, False)
+        sigma = p.sigma if p.sigma is not None else (np.inf,) * 3
+        own = [s if k else np.inf for s, k in zip(sigma, on, strict=True)]
+        left = [np.inf if k else s for s, k in zip(sigma, on, strict=True)]
+        out.add_point(
+            name + WITH_SIGNAL,
+            p.coordinates,
+            fixed="".join(a for a, k, f in zip("xyz", on, p.fixed, strict=True) if not k or f),
+            sigma=own if known and np.isfinite(own).any() else None,
+            check=p.check,
+        )
+        out.points[name] = replace(
+            p,
+            fixed=tuple(f and not k for f, k in zip(p.fixed, on, strict=True)),
+            sigma=tuple(left) if np.isfinite(left).any() else None,
+        )
+    for ident, o in network.observations.items():
+        if isinstance(o, ControlPoint) and set(o.axes) & set(axes):
+            _move(out, ident, o, axes)
+    out.add(_signals(names, places[:, :2], functions, axes))
+    return out
+
+
+def _control(network: Network, axes: str, on: Array) -> dict[str, bool]:
+    """Return the points of which a component with a signal is held, weighted or observed.
+
+    Raises:
+        InputError: there are none, or control is observed along axes of the horizon.
+    """
+    found: dict[str, bool] = {}
+    for p in network.points.values():
+        weighted = np.isfinite(p.sigma if p.sigma is not None else (np.inf,) * 3)
+        if ((weighted | np.array(p.fixed)) & on).any():
+            found[p.name] = True
+    problems = []
+    for o in network.observations.values():
+        if isinstance(o, ControlPoint):
+            if o.local:
+                what = "signals are along x, y, z: state the control along these axes"
+                problems.append(Problem(what, o.label()))
+            elif set(o.axes) & set(axes):
+                found[o.point] = True
+    if problems:
+        raise InputError(problems)
+    if not found:
+        raise InputError(f"no control in {', '.join(axes)}: signals cannot be told from the block")
+    return found
+
+
+def _move(out: Network, ident: str, o: ControlPoint, axes: str) -> None:
+    """Let an observation of control be one of the point with its signal, as far as it has one.
+
+    Raises:
+        InputError: it is correlated with components without a signal.
+    """
+    with_signal = o.point + WITH_SIGNAL
+    if set(o.axes) <= set(axes):
+        out.observations[ident] = replace(o, point=with_signal)
+        return
+    on = [i for i, a in enumerate(o.axes) if a in axes]
+    off = [i for i, a in enumerate(o.axes) if a not in axes]
+    full = np.asarray(o.covariance) if o.covariance is not None else np.diag(np.square(o.sigma))
+    if full[np.ix_(on, off)].any() or any(ident in ids for ids, _ in out.clusters):
+        what = "components with and without a signal are correlated: give all of them a signal"
+        raise InputError(Problem(what, o.label()))
+
+    def part(numbers: list[int]) -> ControlPoint:
+        return replace(
+            o,
+            value=tuple(o.value[i] for i in numbers),
+            axes="".join(o.axes[i] for i in numbers),
+            sigma=None,
+            covariance=full[np.ix_(numbers, numbers)],
+        )
+
+    out.observations[ident] = part(off)
+    out.add(replace(part(on), point=with_signal, id=None))
+
+
+def _signals(
+    names: Sequence[str],
+    places: Array,
+    functions: Sequence[CovarianceFunction | None],
+    axes: str,
+) -> Correlated:
+    """Return the differences X' − X = 0 with the joint covariance of the signals."""
+    n, d = len(names), len(axes)
+    joint = np.zeros((n, d, n, d))
+    used = [f for f, a in zip(functions, "xyz", strict=True) if a in axes]
+    for k, function in enumerate(used):
+        assert function is not None
+        joint[:, k, :, k] = function.between(places)
+    differences = tuple(
+        CoordinateDifference(name, name + WITH_SIGNAL, (0.0,) * d, axes=axes, sigma=1.0)
+        for name in names
+    )
+    return Correlated(differences, joint.reshape(n * d, n * d))

@@ -1,0 +1,169 @@
+"""Corrections from control and check points, and signals as variables: equal where theory says."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import factorgraph_adj as fga
+from factorgraph_adj.collocation.collocation import collocate
+from factorgraph_adj.collocation.covariance_function import CovarianceFunction
+from factorgraph_adj.collocation.point_corrections import known_residuals, point_corrections
+from factorgraph_adj.collocation.signal_variables import with_signals
+from factorgraph_adj.types import Array
+
+SIGNAL = CovarianceFunction("gaussian", 0.030, 400.0)
+NOISE = 0.008
+
+
+def levelled(seed: int = 2, *, rise_sigma: float = 1e-5) -> tuple[fga.Network, Array, Array]:
+    """Return heights that rises determine up to a shift, control with a signal, and the truth.
+
+    Returns:
+        The network, places (n, 2), and the true heights in the system of the control.
+    """
+    rng = np.random.default_rng(seed)
+    n = 30
+    where = rng.uniform(0.0, 1500.0, (n, 2))
+    block = rng.normal(scale=5.0, size=n)
+    root = np.linalg.cholesky(SIGNAL.between(where) + 1e-12 * np.eye(n))
+    truth = block + root @ rng.normal(size=n)
+    network = fga.Network("heights of a block")
+    for i, (x, y) in enumerate(where):
+        network.add_point(f"P{i}", (x, y, block[i]), fixed="xy")
+    for i in range(1, n):
+        rise = block[i] - block[i - 1] + rng.normal(scale=rise_sigma)
+        network.add(fga.HeightDifference(f"P{i - 1}", f"P{i}", rise, sigma=rise_sigma))
+    for i in range(0, n, 2):
+        z = truth[i] + rng.normal(scale=NOISE)
+        network.add(fga.ControlPoint(f"P{i}", (z,), axes="z", sigma=(NOISE,)))
+    return network, where, truth
+
+
+def test_signal_variables_are_control_with_their_covariance_and_predicted_by_the_formula() -> None:
+    """Way 1 of F16: signals as variables. Way 2: Correlated with C + D, and ŝ_p = C_ps C̄⁻¹ w."""
+    network, where, _ = levelled(rise_sigma=0.004)
+    at_once = fga.adjust(with_signals(network, covariance=None, height=SIGNAL, points=["P1", "P7"]))
+    control = [o for o in network.observations.values() if isinstance(o, fga.ControlPoint)]
+    numbers = [int(o.point[1:]) for o in control]
+    full = SIGNAL.between(where[numbers]) + NOISE**2 * np.eye(len(control))
+    ids = [i for i, o in network.observations.items() if isinstance(o, fga.ControlPoint)]
+    other = fga.without(network, ids)
+    other.add(fga.Correlated(tuple(control), full))
+    solution = fga.adjust(other)
+    heights = np.array([solution.point(f"P{i}")[2] for i in range(30)])
+    again = np.array([at_once.point(f"P{i}")[2] for i in range(30)])
+    np.testing.assert_allclose(again, heights, rtol=0, atol=1e-9)
+    left = np.array([o.value[0] for o in control]) - heights[numbers]
+    to_new = SIGNAL.between(where[[1, 7]], where[numbers]) @ np.linalg.inv(full)
+    predicted = heights[[1, 7]] + to_new @ left
+    found = np.array([at_once.point(p)[2] for p in ("P1+s", "P7+s")])
+    np.testing.assert_allclose(found, predicted, rtol=0, atol=1e-9)
+    # Σ(X̂_p + ŝ_p − s_p): C_pp − C_ps C̄⁻¹ C_sp, and F Q Fᵀ with F = δ_p − C_ps C̄⁻¹ A.
+    names = [f"P{i}" for i in range(30)]
+    q = np.array([[solution.covariance([a], [b])[2, 2] for b in names] for a in names])
+    f = np.zeros((2, 30))
+    f[[0, 1], [1, 7]] = 1.0
+    f[:, numbers] -= to_new
+    errors = SIGNAL.between(where[[1, 7]]) - to_new @ SIGNAL.between(where[numbers], where[[1, 7]])
+    errors += f @ q @ f.T
+    for i, p in enumerate(("P1+s", "P7+s")):
+        assert at_once.standard_deviations(p)[2] == pytest.approx(np.sqrt(errors[i, i]), rel=1e-6)
+
+
+def test_two_steps_are_one_where_control_only_places_the_block() -> None:
+    """Residuals of an adjustment, their collocation with a mean, and signals in the graph."""
+    network, where, _ = levelled()
+    corrected = point_corrections(fga.adjust(network), covariance=None, height=SIGNAL, trend="mean")
+    every = list(network.points)
+    at_once = fga.adjust(with_signals(network, covariance=None, height=SIGNAL, points=every))
+    z = np.array([at_once.point(p + "+s")[2] for p in every])
+    sigma = np.array([at_once.standard_deviations(p + "+s")[2] for p in every])
+    # The rises have 10 µm each, and up to 29 of them are between a point and control.
+    np.testing.assert_allclose(corrected.coordinates[:, 2], z, rtol=0, atol=2e-5)
+    np.testing.assert_allclose(corrected.prediction.sigmas[:, 2], sigma, rtol=0, atol=2e-5)
+    own = collocate(
+        where[::2],
+        known_residuals(fga.adjust(network)).values[:, 2],
+        covariance=SIGNAL,
+        noise=NOISE,
+    )
+    np.testing.assert_allclose(
+        corrected.prediction.values[:, 2], own.predict(where).values[:, 0], rtol=0, atol=1e-9
+    )
+
+
+def test_corrections_come_nearer_to_the_truth_and_their_sigmas_cover() -> None:
+    """Estimated functions, 12 blocks: rms of uncorrected and corrected heights, and the ratio."""
+    before, after, ratios = [], [], []
+    for seed in range(12):
+        network, _, truth = levelled(seed)
+        solution = fga.adjust(network)
+        found = point_corrections(
+            solution, covariance=None, height="gaussian", trend="mean", alpha=1
+        )
+        new = np.arange(1, 30, 2)
+        before.append(solution.state["point"][new, 2] - truth[new])
+        after.append(found.coordinates[new, 2] - truth[new])
+        ratios.append(after[-1] / found.sigmas[new, 2])
+    assert np.sqrt(np.mean(np.square(after))) < 0.7 * np.sqrt(np.mean(np.square(before)))
+    assert 0.7 < np.sqrt(np.mean(np.square(ratios))) < 1.6
+
+
+def test_check_points_correct_and_a_block_without_signal_is_left_alone() -> None:
+    network = fga.Network("no signal")
+    rng = np.random.default_rng(3)
+    for i, (x, y, z) in enumerate(rng.uniform(0.0, 500.0, (12, 3))):
+        check = (x, y, z + 0.05 + rng.normal(scale=0.01))
+        network.add_point(f"P{i}", (x, y, z), fixed="" if i else "xyz", check=check)
+        if i:
+            vector = np.array(network.points[f"P{i}"].coordinates) - np.array(
+                network.points["P0"].coordinates
+            )
+            network.add(fga.GnssVector("P0", f"P{i}", tuple(vector), sigma=(0.01, 0.01, 0.01)))
+    solution = fga.adjust(network)
+    with pytest.raises(fga.InputError, match="heights: the values have no signal"):
+        point_corrections(
+            solution, covariance=None, height="gaussian", trend="mean", use="check", noise=0.01
+        )
+    stated = point_corrections(
+        solution, covariance=None, height=SIGNAL, trend="mean", use="check", noise=0.01
+    )
+    assert any("no signal" in r for r in stated.remarks)
+    mean = np.mean(
+        [network.points[f"P{i}"].check[2] - solution.point(f"P{i}")[2] for i in range(12)]
+    )
+    assert stated.collocation.coefficients[0] == pytest.approx(mean, abs=0.02)
+    with pytest.raises(fga.InputError, match="no control has residuals"):
+        point_corrections(solution)
+
+
+def test_corrections_of_a_geocentric_network_are_along_its_horizons() -> None:
+    """All check points lie 5 cm above the block: the mean is that, and the frame is geocentric."""
+    origin = fga.TopocentricFrame(np.deg2rad(48.0), np.deg2rad(11.0), 500.0)
+    network = fga.Network("geocentric", frame=fga.GeocentricFrame())
+    rng = np.random.default_rng(8)
+    at = origin.to_geocentric(np.column_stack([rng.uniform(-800.0, 800.0, (9, 2)), np.zeros(9)]))
+    up = network.frame.basis(at, np.zeros((9, 2))).enu[:, 2]
+    for i, x in enumerate(at):
+        network.add_point(f"P{i}", x, fixed="" if i else "xyz", check=x + 0.05 * up[i])
+        if i:
+            network.add(fga.GnssVector("P0", f"P{i}", tuple(x - at[0]), sigma=(0.01, 0.01, 0.01)))
+    found = point_corrections(
+        fga.adjust(network), covariance=SIGNAL, trend="mean", use="check", noise=0.01
+    )
+    np.testing.assert_allclose(found.coordinates, at + 0.05 * up, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(found.prediction.values, [[0.0, 0.0, 0.05]] * 9, atol=1e-6)
+
+
+def test_what_is_wrong_with_signals_is_said() -> None:
+    network, _, _ = levelled()
+    with pytest.raises(fga.InputError, match="there is no signal"):
+        with_signals(network, covariance=None, height=None)
+    with pytest.raises(fga.InputError, match="unknown point 'Q'"):
+        with_signals(network, covariance=None, height=SIGNAL, points=["Q"])
+    with pytest.raises(fga.InputError, match="no control in x, y"):
+        other = network.copy()
+        for name, p in other.points.items():
+            other.points[name] = fga.Point(name, p.coordinates)
+        with_signals(other, covariance=SIGNAL, height=None)
