@@ -27,7 +27,9 @@ if _TYPE_CHECKING:
         fit_variogram,
     )
     from .collocation.covariance_function import CovarianceFunction
+    from .collocation.point_corrections import point_corrections
     from .collocation.signal_test import signal_test
+    from .collocation.signal_variables import with_signals
     from .crs.reference_system import ReferenceSystem
     from .crs.transformation_chain import SevenParameters
     from .entities import Camera, Parameter, Photo, Point
@@ -237,20 +239,21 @@ __all__ = [
     "estimate_variance_components", "exclude_insignificant", "fetch_example", "find_sparable",
     "fit_variogram", "from_grid", "grid_coordinates", "grid_photos", "join", "level_test",
     "load_solution", "measure", "memory_needed", "orient", "plan", "plot_network",
-    "positional_accuracy", "precision_map", "predict", "preliminary", "propose", "read",
-    "read_aicon", "read_bal", "read_bundler", "read_colmap", "read_columns", "read_comp3d",
-    "read_dbat", "read_dynadjust", "read_dynaml", "read_gama", "read_gama_g3", "read_gsi",
-    "read_gvx", "read_jag3d", "read_jobxml", "read_landxml", "read_lgc2", "read_metashape",
-    "read_micmac", "read_mmvii", "read_opencv", "read_openmvg", "read_opensfm", "read_opf",
-    "read_project", "read_sdr33", "read_sinex", "read_star_net", "read_star_net_project",
-    "reduce_faces", "register_lens", "register_observation", "register_reader", "register_unknown",
-    "relative_model", "reliability", "results_schema", "robust_adjust", "s_transform",
-    "signal_test", "significance", "snoop", "solution_budget", "text_report", "to_xarray",
-    "uncertainty_budget", "vectors_in_own_datum", "wgs84_coordinates", "without", "write",
-    "write_colmap", "write_dxf", "write_dynaml", "write_geojson", "write_geopackage", "write_gvx",
-    "write_jag3d", "write_kml", "write_landxml", "write_metashape", "write_opencv", "write_opf",
-    "write_ply", "write_precision_map", "write_project", "write_report", "write_results",
-    "write_sinex", "write_star_net", "zenith_test",
+    "point_corrections", "positional_accuracy", "precision_map", "predict", "preliminary",
+    "propose", "read", "read_aicon", "read_bal", "read_bundler", "read_colmap", "read_columns",
+    "read_comp3d", "read_dbat", "read_dynadjust", "read_dynaml", "read_gama", "read_gama_g3",
+    "read_gsi", "read_gvx", "read_jag3d", "read_jobxml", "read_landxml", "read_lgc2",
+    "read_metashape", "read_micmac", "read_mmvii", "read_opencv", "read_openmvg", "read_opensfm",
+    "read_opf", "read_project", "read_sdr33", "read_sinex", "read_star_net",
+    "read_star_net_project", "reduce_faces", "register_lens", "register_observation",
+    "register_reader", "register_unknown", "relative_model", "reliability", "results_schema",
+    "robust_adjust", "s_transform", "signal_test", "significance", "snoop", "solution_budget",
+    "text_report", "to_xarray", "uncertainty_budget", "vectors_in_own_datum", "wgs84_coordinates",
+    "with_signals", "without", "write", "write_colmap", "write_dxf", "write_dynaml",
+    "write_geojson", "write_geopackage", "write_gvx", "write_jag3d", "write_kml", "write_landxml",
+    "write_metashape", "write_opencv", "write_opf", "write_ply", "write_precision_map",
+    "write_project", "write_report", "write_results", "write_sinex", "write_star_net",
+    "zenith_test",
 ]
 # fmt: on
 
@@ -262,7 +265,9 @@ _NAMES = {
     "collocation.collocation": "collocate",
     "collocation.covariance_estimation": "empirical_covariance estimate_covariance fit_variogram",
     "collocation.covariance_function": "CovarianceFunction",
+    "collocation.point_corrections": "point_corrections",
     "collocation.signal_test": "signal_test",
+    "collocation.signal_variables": "with_signals",
     "crs.reference_system": "ReferenceSystem",
     "crs.transformation_chain": "SevenParameters",
     "entities": "Camera Parameter Photo Point",

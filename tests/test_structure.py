@@ -348,8 +348,9 @@ QUANTITIES = {"unit", "fixes", "in_frame", "quantity"}
 ASKED_FOR: dict[str, tuple[str, ...]] = {
     # An image table has rows of image points alone: what stores observations tells them apart.
     "ImagePoint": ("ledger", "linear_system", "network", "observations"),
-    # The record says that there are axes; the class tells type checkers so.
-    "ControlPoint": ("graph",),
+    # The record says that there are axes; the class tells type checkers so. Collocation is of
+    # known coordinates alone.
+    "ControlPoint": ("graph", "collocation"),
 }
 """Classes of kinds that some rooms may ask for."""
 

@@ -1,8 +1,8 @@
 """Command ``factorgraph-adj``: its table of commands, parsers that suggest words, exit codes.
 
-Commands are new, check, convert, join, guess-columns, fetch-example, formats, compare, adjust,
-plot, stream, plan, propose, completion. Each adds its arguments when it is called, and returns an
-exit code of `cli.messages`. Errors go to stderr as a list with one problem in each line.
+Commands are new, check, convert, join, guess-columns, fetch-example, formats, compare, collocate,
+adjust, plot, stream, plan, propose, completion. Each adds its arguments when it is called, and
+returns an exit code of `cli.messages`. Errors go to stderr as a list with one problem in each line.
 """
 
 from __future__ import annotations
@@ -58,6 +58,11 @@ COMMAND_MODULES = {
     ),
     "formats": ("formats", "add_formats", "list the formats that are read and written"),
     "compare": ("comparison", "add_compare", "adjust two epochs and tell what moved"),
+    "collocate": (
+        "collocation",
+        "add_collocate",
+        "correct all points by the residuals at control or check points",
+    ),
     "completion": (
         "shell_completion",
         "add_completion",

@@ -224,7 +224,7 @@ def estimate_covariance(
     if not test.has_signal:
         raise InputError(
             f"the values have no signal that noise does not explain ({test.headline()}): no "
-            "covariance function follows from them; state one, or set alpha to 1"
+            "covariance function follows from them; state one, or a larger alpha"
         )
     contrasts = trend_contrasts(places, observed, noise=own, trend=trend)
     search = _Likelihood(contrasts, kind, noise is None)

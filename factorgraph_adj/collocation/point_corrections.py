@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -122,7 +122,7 @@ def known_residuals(solution: Solution, use: KnownPoints = "control") -> KnownRe
         InputError: there are no such points. Held coordinates have no residuals.
     """
     network = solution.network
-    if use not in ("control", "check"):
+    if use not in get_args(KnownPoints):
         raise InputError(f"use must be one of control, check, not {use!r}")
     if use == "check":
         checks = check_points(solution)
@@ -155,7 +155,7 @@ def known_residuals(solution: Solution, use: KnownPoints = "control") -> KnownRe
 
 def _of_control(o: ControlPoint, solution: Solution) -> tuple[Array, Array]:
     """Return known − adjusted along east, north, up, NaN where not known, and its variances."""
-    own = np.asarray(o.covariance) if o.covariance is not None else np.diag(np.square(o.sigma))
+    own = covariance_of_control(o)
     difference, full = np.full(3, np.nan), np.zeros((3, 3))
     at = solution.point(o.point)
     if not o.local:
@@ -166,6 +166,13 @@ def _of_control(o: ControlPoint, solution: Solution) -> tuple[Array, Array]:
     whole, _ = _turned(solution, o.point, np.asarray(o.value) - at, full)
     difference[on], full[np.ix_(on, on)] = whole[on], own
     return difference, np.diag(full)
+
+
+def covariance_of_control(o: ControlPoint) -> Array:
+    """Return the covariance of the components of observed control."""
+    if o.covariance is not None:
+        return np.asarray(o.covariance, dtype=float)
+    return np.diag(np.square(np.array(o.sigma, dtype=float)))
 
 
 def _turned(
@@ -259,14 +266,14 @@ def point_corrections(
     on = [k for k, f in enumerate(functions) if f is not None and np.isfinite(values[:, k]).any()]
     if not on:
         raise InputError(f"no component has a signal and known points: {known(remarks)}")
-    usable = np.isfinite(values[:, on]).any(axis=1)
+    usable = np.flatnonzero(np.isfinite(values[:, on]).any(axis=1))
     found = collocate(
         residuals.plan[usable],
-        values[np.ix_(usable, on)],
+        values[usable][:, on],
         covariance=[functions[k] for k in on],
-        noise=sigma[np.ix_(usable, on)],
+        noise=sigma[usable][:, on],
         trend=trend,
-        names=[n for n, u in zip(residuals.names, usable, strict=True) if u],
+        names=[residuals.names[i] for i in usable],
     )
     at = np.array([solution.point(n) for n in names])
     prediction = _of_all_components(found.predict(plan_of(solution.network, at)), on)
@@ -298,4 +305,5 @@ def _formal_sigmas(solution: Solution, names: Sequence[str], enu: Array) -> Arra
     """Return σ of adjusted points along east, north and up, (m, 3)."""
     numbers = np.array([solution.number("point", n) for n in names], dtype=np.intp)
     covariances = solution.point_covariances[numbers]
-    return np.sqrt(np.maximum(np.einsum("nij,njk,nik->ni", enu, covariances, enu), 0.0))
+    variances = np.einsum("nij,njk,nik->ni", enu, covariances, enu)
+    return np.asarray(np.sqrt(np.maximum(variances, 0.0)))

@@ -29,6 +29,7 @@ from ..observations.positions import ControlPoint
 from ..observations.relations import CoordinateDifference
 from ..types import Array
 from .covariance_function import CovarianceFunction
+from .point_corrections import covariance_of_control
 
 WITH_SIGNAL = "+s"
 """Behind the name of a point: the point with its signal."""
@@ -83,7 +84,8 @@ def with_signals(
         known = control.get(name, False)
         sigma = p.sigma if p.sigma is not None else (np.inf,) * 3
         own = [s if k else np.inf for s, k in zip(sigma, on, strict=True)]
-        left = [np.inf if k else s for s, k in zip(sigma, on, strict=True)]
+        held = [f and not k for f, k in zip(p.fixed, on.tolist(), strict=True)]
+        left = tuple(np.inf if k else s for s, k in zip(sigma, on, strict=True))
         out.add_point(
             name + WITH_SIGNAL,
             p.coordinates,
@@ -93,8 +95,8 @@ def with_signals(
         )
         out.points[name] = replace(
             p,
-            fixed=tuple(f and not k for f, k in zip(p.fixed, on, strict=True)),
-            sigma=tuple(left) if np.isfinite(left).any() else None,
+            fixed=(held[0], held[1], held[2]),
+            sigma=(left[0], left[1], left[2]) if np.isfinite(left).any() else None,
         )
     for ident, o in network.observations.items():
         if isinstance(o, ControlPoint) and set(o.axes) & set(axes):
@@ -141,7 +143,7 @@ def _move(out: Network, ident: str, o: ControlPoint, axes: str) -> None:
         return
     on = [i for i, a in enumerate(o.axes) if a in axes]
     off = [i for i, a in enumerate(o.axes) if a not in axes]
-    full = np.asarray(o.covariance) if o.covariance is not None else np.diag(np.square(o.sigma))
+    full = covariance_of_control(o)
     if full[np.ix_(on, off)].any() or any(ident in ids for ids, _ in out.clusters):
         what = "components with and without a signal are correlated: give all of them a signal"
         raise InputError(Problem(what, o.label()))

@@ -7,37 +7,9 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.collocation.collocation import collocate
-from factorgraph_adj.collocation.covariance_function import CovarianceFunction
 from factorgraph_adj.collocation.point_corrections import known_residuals, point_corrections
 from factorgraph_adj.collocation.signal_variables import with_signals
-from factorgraph_adj.types import Array
-
-SIGNAL = CovarianceFunction("gaussian", 0.030, 400.0)
-NOISE = 0.008
-
-
-def levelled(seed: int = 2, *, rise_sigma: float = 1e-5) -> tuple[fga.Network, Array, Array]:
-    """Return heights that rises determine up to a shift, control with a signal, and the truth.
-
-    Returns:
-        The network, places (n, 2), and the true heights in the system of the control.
-    """
-    rng = np.random.default_rng(seed)
-    n = 30
-    where = rng.uniform(0.0, 1500.0, (n, 2))
-    block = rng.normal(scale=5.0, size=n)
-    root = np.linalg.cholesky(SIGNAL.between(where) + 1e-12 * np.eye(n))
-    truth = block + root @ rng.normal(size=n)
-    network = fga.Network("heights of a block")
-    for i, (x, y) in enumerate(where):
-        network.add_point(f"P{i}", (x, y, block[i]), fixed="xy")
-    for i in range(1, n):
-        rise = block[i] - block[i - 1] + rng.normal(scale=rise_sigma)
-        network.add(fga.HeightDifference(f"P{i - 1}", f"P{i}", rise, sigma=rise_sigma))
-    for i in range(0, n, 2):
-        z = truth[i] + rng.normal(scale=NOISE)
-        network.add(fga.ControlPoint(f"P{i}", (z,), axes="z", sigma=(NOISE,)))
-    return network, where, truth
+from tests.networks.deformed_heights import NOISE, SIGNAL, levelled
 
 
 def test_signal_variables_are_control_with_their_covariance_and_predicted_by_the_formula() -> None:
@@ -130,9 +102,7 @@ def test_check_points_correct_and_a_block_without_signal_is_left_alone() -> None
         solution, covariance=None, height=SIGNAL, trend="mean", use="check", noise=0.01
     )
     assert any("no signal" in r for r in stated.remarks)
-    mean = np.mean(
-        [network.points[f"P{i}"].check[2] - solution.point(f"P{i}")[2] for i in range(12)]
-    )
+    mean = np.mean(known_residuals(solution, "check").values[:, 2])
     assert stated.collocation.coefficients[0] == pytest.approx(mean, abs=0.02)
     with pytest.raises(fga.InputError, match="no control has residuals"):
         point_corrections(solution)

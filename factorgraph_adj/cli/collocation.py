@@ -1,0 +1,144 @@
+"""Command ``collocate``: residuals at control or check points, and corrections of all points."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import get_args
+
+from ..adjustment import adjust
+from ..collocation.covariance_function import CORRELATION_FUNCTIONS, CovarianceFunction
+from ..collocation.point_corrections import KnownPoints, StatedCovariance, point_corrections
+from ..collocation.trend import TRENDS
+from ..errors import InputError
+from ..io.file_transaction import one_transaction, write_files
+from ..report.doubtful_results import notes_of_solution
+from ..report.point_corrections import (
+    CorrectionsReport,
+    corrected_points_table,
+    known_points_table,
+    render_corrections,
+)
+from ..report.tables import as_csv
+from ..statistical_tests import ALPHA_OF_MODEL
+from .input import add_project, read_input
+from .messages import EXIT_CODES, EXIT_DOUBTFUL, EXIT_FINE
+from .options import (
+    add_leave_out,
+    adjust_determined,
+    check_sigma,
+    positive_count,
+    probability,
+    problems_of_outputs,
+)
+
+ROWS = 30
+"""Number of corrected points that the screen has."""
+
+
+def add_collocate(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments."""
+    parser.epilog = EXIT_CODES
+    add_project(parser)
+    kinds = ", ".join(CORRELATION_FUNCTIONS)
+    parser.add_argument(
+        "--covariance",
+        type=covariance_function,
+        default="gaussian",
+        metavar="KIND[:SIGMA,LENGTH]|none",
+        help=f"covariance function in plan: {kinds}; σ and length, metres, are estimated from the "
+        "residuals if they are not stated (gaussian)",
+    )
+    parser.add_argument(
+        "--height",
+        type=covariance_function,
+        default="same",
+        metavar="KIND[:SIGMA,LENGTH]|none",
+        help="the same of heights (that of the plan)",
+    )
+    parser.add_argument(
+        "--trend", choices=tuple(TRENDS), default="none", help="besides the signal (none)"
+    )
+    parser.add_argument(
+        "--use",
+        choices=get_args(KnownPoints),
+        default="control",
+        help="which known coordinates are compared (control)",
+    )
+    parser.add_argument(
+        "--noise",
+        type=check_sigma,
+        metavar="S|H,V",
+        help="σ of the known coordinates instead of the stated ones, metres: of each axis, or "
+        "horizontal and vertical",
+    )
+    parser.add_argument(
+        "--alpha",
+        type=probability,
+        default=ALPHA_OF_MODEL,
+        metavar="P",
+        help="with which the test finds a signal where there is none (0.05)",
+    )
+    parser.add_argument(
+        "--rows", type=positive_count, default=ROWS, metavar="N", help=f"of points ({ROWS})"
+    )
+    parser.add_argument("--datum", choices=("given", "free"), help="instead of the project's")
+    parser.add_argument(
+        "--out", metavar="DIR", help="write collocation.txt, corrections.csv, known_points.csv"
+    )
+    add_leave_out(parser)
+    parser.set_defaults(run=_collocate)
+
+
+def covariance_function(text: str) -> StatedCovariance:
+    """Read KIND, KIND:SIGMA,LENGTH in metres, or none."""
+    kind, colon, rest = text.partition(":")
+    if text == "none":
+        return None
+    try:
+        if not colon:
+            return CovarianceFunction(kind, 1.0, 1.0).kind
+        sigma, length = (float(v) for v in rest.split(","))
+        return CovarianceFunction(kind, sigma, length)
+    except InputError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    except ValueError:
+        what = f"{text!r} is not KIND:SIGMA,LENGTH in metres, such as gaussian:0.02,800"
+        raise argparse.ArgumentTypeError(what) from None
+
+
+def _collocate(options: argparse.Namespace) -> int:
+    if problems := list(problems_of_outputs(options)):
+        raise InputError(problems)
+    project = read_input(options)
+    if options.datum is not None:
+        project.network.datum = options.datum
+    project, solution = adjust_determined(project, adjust, leave_out=options.leave_out_undetermined)
+    noise = options.noise
+    found = point_corrections(
+        solution,
+        covariance=options.covariance,
+        height=options.height,
+        trend=options.trend,
+        use=options.use,
+        noise=(noise[0], noise[0], noise[1]) if isinstance(noise, tuple) else noise,
+        alpha=options.alpha,
+    )
+    report = CorrectionsReport(found, project.units)
+    if options.out is not None:
+        with one_transaction():
+            write_files(
+                Path(options.out),
+                {
+                    "collocation.txt": render_corrections(report),
+                    "corrections.csv": as_csv(corrected_points_table(report)),
+                    "known_points.csv": as_csv(known_points_table(report)),
+                },
+            )
+    print(render_corrections(report, most=options.rows), end="", flush=True)
+    for said in notes_of_solution(solution):
+        print(said, file=sys.stderr)
+    for remark in found.remarks:
+        print(remark, file=sys.stderr)
+    return EXIT_DOUBTFUL if found.remarks or not solution.converged else EXIT_FINE

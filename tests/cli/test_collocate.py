@@ -1,0 +1,79 @@
+"""``collocate``: the corrections of the function in files, doubts, and what is refused."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import factorgraph_adj as fga
+from factorgraph_adj.cli.command_line import main
+from factorgraph_adj.collocation.point_corrections import point_corrections
+from tests.networks.deformed_heights import SIGNAL, levelled
+
+
+@pytest.fixture
+def project(tmp_path: Path) -> str:
+    fga.write_project(levelled()[0], tmp_path / "block" / "project.toml")
+    return str(tmp_path / "block")
+
+
+def test_the_files_have_the_corrections(
+    project: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    stated = f"gaussian:{SIGNAL.sigma},{SIGNAL.length}"
+    options = ["--covariance", "none", "--height", stated, "--trend", "mean", "--out", str(out)]
+    assert main(["collocate", project, *options]) == 0
+    said = capsys.readouterr().out
+    assert "up: covariance function gaussian, σ 0.03, L 400 m, stated." in " ".join(said.split())
+    expected = point_corrections(
+        fga.adjust(fga.read_project(project)), covariance=None, height=SIGNAL, trend="mean"
+    )
+    with (out / "corrections.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [r["name"] for r in rows] == list(expected.names)
+    found = np.array([[float(r[k]) for k in ("z", "du_mm", "sigma_u_mm")] for r in rows])
+    own = [expected.coordinates[:, 2], expected.prediction.values[:, 2], expected.sigmas[:, 2]]
+    np.testing.assert_allclose(found, np.column_stack(own) * [1.0, 1e3, 1e3], rtol=1e-7)
+    with (out / "known_points.csv").open(encoding="utf-8") as file:
+        known = list(csv.DictReader(file))
+    numbers = [float(r["redundancy"]) + float(r["redundancy_signal"]) for r in known]
+    assert len(known) == 15 and sum(numbers) == pytest.approx(14.0)
+    assert "Corrected points" in (out / "collocation.txt").read_text(encoding="utf-8")
+
+
+def test_a_function_is_estimated_or_refused(
+    project: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ["--covariance", "none", "--height", "matern52", "--alpha", "0.2"]
+    assert main(["collocate", project, *options]) == 0
+    assert "matern52" in capsys.readouterr().out
+    calm, _, _ = levelled()
+    rng = np.random.default_rng(1)
+    for ident, o in list(calm.observations.items()):
+        if isinstance(o, fga.ControlPoint):
+            z = calm.points[o.point].coordinates[2] + rng.normal(scale=0.008)
+            calm.observations[ident] = fga.ControlPoint(o.point, (z,), axes="z", sigma=(0.008,))
+    fga.write_project(calm, tmp_path / "calm" / "project.toml")
+    assert (
+        main(["collocate", str(tmp_path / "calm"), "--covariance", "none", "--height", "gaussian"])
+        == 2
+    )
+    assert "no signal that noise does not explain" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("word", "said"),
+    [
+        ("gausian", "is unknown; valid: gaussian"),
+        ("gaussian:1", "is not KIND:SIGMA,LENGTH"),
+        ("gaussian:1,-5", "length must be greater than zero"),
+    ],
+)
+def test_a_wrong_function_is_said(word: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["collocate", "p", "--covariance", word])
+    assert said in " ".join(capsys.readouterr().err.split())
