@@ -87,7 +87,7 @@ def simulated_block(seed: Seed = 1980) -> MethodBlock:
         told.add(SlopeDistance(f"P{a}", f"P{b}", 1.0, sigma=SIGMA_DISTANCE))
         told.add(Azimuth(f"P{a}", f"P{b}", 0.0, sigma=SIGMA_AZIMUTH))
     terrestrial = tuple(measure(told, seed=seed).observations.values())
-    read = [_read(plan, sigma, seed + k) for k, sigma in enumerate((COMPARATOR, PLOTTER))]
+    read = [read_images(plan, sigma, seed + k) for k, sigma in enumerate((COMPARATOR, PLOTTER))]
     return MethodBlock(read[0], read[1], terrestrial, *_flown(plan, seed))
 
 
@@ -161,12 +161,12 @@ def _lines(ground: Array, control: list[int]) -> list[tuple[int, int]]:
     return along + [(control[i], control[i + 4]) for i in range(len(control) - 4)]
 
 
-def _read(plan: Network, sigma: float, seed: Seed) -> Network:
+def read_images(plan: Network, sigma: float, seed: Seed, focal: float = FOCAL) -> Network:
     """Return the block as measured with a σ, mm: rough start values, an ideal camera."""
     told = plan.copy()
     told.images.sigma = [np.full_like(s, sigma) for s in told.images.sigma]
     read = measure(told, seed=seed)
     read = disturb(read, seed=seed, points=3.0, centres=5.0, attitudes=float(np.deg2rad(0.2)))
     del read.cameras[CAMERA]
-    read.add_camera(CAMERA, NoDistortion(), {"c": FOCAL})
+    read.add_camera(CAMERA, NoDistortion(), {"c": focal})
     return read
