@@ -31,6 +31,7 @@ extensions = [
     "sphinx_copybutton",
     "docstrings",
     "kinds",
+    "checklist",
 ]
 exclude_patterns = ["_build", "_ext", "Thumbs.db", ".DS_Store"]
 # A class has two names, that of the package and that of its module.

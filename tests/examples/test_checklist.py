@@ -7,8 +7,7 @@ import importlib
 import re
 import shlex
 from argparse import _SubParsersAction
-from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -17,6 +16,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
+from docs._ext.checklist import COUNTS, STATES, Row, counts_of_checklist, rows_by_part
 from examples.papers.methods_1980 import METHODS
 from examples.papers.programs_1980 import PROGRAMS
 from factorgraph_adj.cli.command_line import command_parser
@@ -30,29 +30,14 @@ from factorgraph_adj.triangulation.independent_models import as_models
 from tests.support.places import EXAMPLES, ROOT
 
 RESULTS = ROOT / "docs" / "results"
-PAGE = RESULTS / "checklist.md"
 ROWS = {"G": 17, "E": 8, "A": 83, "M": 30, "P": 28, "T": 7, "B": 24}
 """Number of rows by the letter of their part."""
-THERE, PART, MISSING, WITHOUT = "✔◐✖–"
-
-
-@dataclass(frozen=True)
-class Row:
-    """A row of the page."""
-
-    name: str
-    paper: str
-    state: str
-    here: str
-    shown: str
+THERE, PART, MISSING, WITHOUT = STATES
 
 
 def rows() -> list[Row]:
     """Return the rows of the page."""
-    found = re.findall(r"^\| ([A-Z]\d+) \|.*$", PAGE.read_text(encoding="utf-8"), flags=re.M)
-    lines = re.findall(r"^\| [A-Z]\d+ \|.*$", PAGE.read_text(encoding="utf-8"), flags=re.M)
-    assert len(found) == len(lines)
-    return [Row(*(c.strip() for c in re.split(r"(?<!\\)\|", line)[1:-1])) for line in lines]
+    return [row for part in rows_by_part().values() for row in part]
 
 
 @cache
@@ -152,16 +137,13 @@ def test_methods_and_programs_are_there_where_they_have_a_function() -> None:
 
 
 def test_the_page_of_the_papers_has_the_counts() -> None:
-    text = (RESULTS / "papers.md").read_text(encoding="utf-8")
-    part = text.partition("\n## Checklist\n")[2].partition("\n## ")[0]
-    table = re.findall(r"^\|[^|]+\| (\d+) \| (\d+) \| (\d+) \| (\d+) \| (\d+) \|$", part, re.M)
-    found = [tuple(int(n) for n in cells) for cells in table]
-    expected = []
-    for letter in (*ROWS, "".join(ROWS)):
-        of = [r for r in rows() if r.name[0] in letter]
-        count = Counter(r.state for r in of)
-        expected.append((len(of), *(count[s] for s in (THERE, PART, MISSING, WITHOUT))))
-    assert found == expected
+    assert f"\n\n{COUNTS}\n\n" in (RESULTS / "papers.md").read_text(encoding="utf-8")
+    table = re.findall(r"^\|.*?\|((?: \d+ \|)+)$", counts_of_checklist(), re.M)
+    counts = np.array([[int(n) for n in re.findall(r"\d+", cells)] for cells in table])
+    assert counts[:, 0].tolist() == [*ROWS.values(), 197]
+    np.testing.assert_array_equal(counts[:, 0], counts[:, 1:].sum(axis=1))
+    np.testing.assert_array_equal(counts[-1], counts[:-1].sum(axis=0))
+    assert counts[-1, 1:].tolist() == [sum(r.state == s for r in rows()) for s in STATES]
 
 
 def test_every_program_has_its_command_on_the_page_of_programs() -> None:
