@@ -44,6 +44,8 @@ AFFINE = ("affinity", "shear_xy", "stretch_z", "shear_xz", "shear_yz")
 """Terms that make the seven parameters of a model twelve."""
 SIGMA_SHORE = 0.2
 """Standard deviation of the height of a point on a shore, metres."""
+SIGMA_ARC = 20.0
+"""Standard deviation of the photos of a strip from their curve, metres."""
 SHORE_POINTS = 8
 """Number of points on the shore of the lake."""
 
@@ -216,6 +218,19 @@ def several_cameras(block: MethodBlock) -> Outcome:
     return run.outcome(adjust(network), block)
 
 
+def on_arcs(block: MethodBlock) -> Outcome:
+    """LOSAT LOBAT: the photos of each strip on a curve of time; orbits have a ``gm`` in addition.
+
+    Photos are exposed at equal intervals. The block is flown by an aircraft, whose curve is a
+    polynomial of the second power.
+    """
+    network = block.network.copy()
+    for k, strip in enumerate(photos_of_strips(network), 1):
+        times = {f: float(i - (len(strip) - 1) / 2) for i, f in enumerate(strip)}
+        network.add_arc(f"strip {k}", times, sigma=SIGMA_ARC, power=2)
+    return run.outcome(adjust(network), block)
+
+
 def edited(block: MethodBlock, *, lens: str, priors: bool) -> Outcome:
     """MUSAT, SURBAT: the bundle without the observations that data snooping rejects."""
     network = run.bundle_network(block, lens=lens, priors=priors)
@@ -235,7 +250,7 @@ PROGRAMS: tuple[Program, ...] = (
     Program("URELO", "units of up to 8 photos", partial(large_units, practice=True)),
     Program("COMBAT II", "30 self-calibration", SELF_CALIBRATION),
     Program("SURBAT", "30, data snooping", partial(edited, lens="both", priors=True)),
-    Program("LOSAT LOBAT", "photos on orbits", None, "photos on an arc of an orbit"),
+    Program("LOSAT LOBAT", "photos on curves of time", on_arcs),
     Program("TPA", "triplets, strips, resections, bundle", resected),
     Program("PAT-M4", "13 an-block", run.models_in_plan),
     Program("PAT-M43", "19 plan and height", lambda b: run.in_turn(b.network, b)),
