@@ -26,6 +26,7 @@ from ..models.base import DegenerateError
 from ..models.unknown_registry import ROTATION, UNKNOWNS, UnknownKind, VariableKind
 from ..network.network import Network
 from ..types import Array, Index, Mask
+from .interior_orientations import start_interior_orientations
 
 HALF_FORMAT = 0.5
 """Half of the format, relative to the principal distance, where no format is stated."""
@@ -452,6 +453,8 @@ def _calibrations(network: Network) -> _Raw:
         values[i, :k] = camera.values
         free[i, :k] = ~np.array(camera.fixed)
         sigma[i, :k] = camera.sigma
+    unknown = free & np.isinf(sigma)
+    start_interior_orientations(network, cameras, names, calibration_name, values, unknown)
     return names, values, np.array([len(c.values) for c in cameras], dtype=np.intp), free, sigma
 
 

@@ -43,6 +43,7 @@ _MOST_QUOTED = 40
 """Largest number of characters of a number that a message quotes."""
 _NOT_FINITE = re.compile(r"[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
 _PLAIN = {"": Decimal(1), "ppm": Decimal("1e-6"), "km": Decimal(1000), "px": Decimal(1)}
+_PLAIN["image"] = Decimal(1)  # unit of a camera, whatever it is
 
 PACKED_DEGREES = "D.MMSSs"
 """Unit of angles in packed degrees: 123.45300 is 123° 45′ 30.0″, and so is 123.453."""

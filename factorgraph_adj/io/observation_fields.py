@@ -11,6 +11,9 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from functools import cache, lru_cache
 from itertools import product
+from typing import Any
+
+import numpy as np
 
 from ..errors import known, similar
 from ..models.unknown_registry import Quantity
@@ -169,15 +172,18 @@ def _class_quantities(observation: type[Observation]) -> dict[str, tuple[Quantit
     }
 
 
+def sigma_units(kind: str) -> tuple[str, ...]:
+    """Return the units in which the standard deviation of a kind may be stated."""
+    return ("image",) if is_in_image(kind) else tuple(ANGLE) if is_angle(kind) else tuple(LENGTH)
+
+
 @lru_cache
 def sigma_fields(kind: str) -> tuple[str, ...]:
     """Return the fields that can state the standard deviation or covariance of a kind."""
     if kind == "image":
         units: Iterable[str] = ("px", *LENGTH)
         return tuple(f"sigma{axis}_{u}" for axis in ("", "_x", "_y") for u in units)
-    if is_in_image(kind):
-        return ("sigma_image",)
-    units = tuple(ANGLE) if is_angle(kind) else tuple(LENGTH)
+    units = sigma_units(kind)
     out = [f"sigma_{u}" for u in units]
     for part, column in sigma_parts(kind).items():
         out += ["ppm"] if part == "ppm" else [f"{column}_{u}" for u in LENGTH]
@@ -198,10 +204,17 @@ def combine_fields(kind: str) -> tuple[str, ...]:
 
 def placeholder_sigma(kind: str) -> dict[str, object]:
     """Return a valid standard deviation of a kind to replace one that is wrong."""
-    if is_in_image(kind):
-        return {"sigma_image": 1.0}
-    units = ("px", "m") if kind == "image" else ("rad",) if is_angle(kind) else ("m",)
+    units = ("px", "m") if kind == "image" else sigma_units(kind)[:1]
     return {f"sigma_{u}": 1.0 for u in units}
+
+
+def turn_y(kind: str, axes: ImageAxes, arguments: dict[str, Any]) -> None:
+    """Turn y of a vector in an image, where files have y down: its value and its covariance."""
+    if axes.y_down:
+        sign = np.array([-1.0 if c == "y" else 1.0 for c in vector_components(kind)])
+        arguments["value"] = tuple((sign * arguments["value"]).tolist())
+        if arguments.get("covariance") is not None:
+            arguments["covariance"] = sign[:, None] * arguments["covariance"] * sign
 
 
 @lru_cache
@@ -291,6 +304,6 @@ def _with_usual_unit(stem: str, units: Collection[str]) -> str:
 def fields_message(kind: str) -> str:
     """Return the fields of a kind for a message, each standard deviation in one unit only."""
     unit = "mgon" if is_angle(kind) else "mm"
-    shown = ("_mm", f"_{unit}", "_mm2", "ppm", "_image")
+    shown = ("_mm", f"_{unit}", "_mm2", "ppm", "_image", "_image2")
     stated = [f for f in sigma_fields(kind) if f.endswith(shown)]
     return ", ".join([*plain_fields(kind), *stated, *combine_fields(kind)])

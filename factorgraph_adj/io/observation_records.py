@@ -13,7 +13,7 @@ Lines. A record fills the fields of its kind:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from itertools import product
 from typing import Any, cast
 
@@ -44,7 +44,9 @@ from .observation_fields import (
     number_fields,
     sigma_fields,
     sigma_parts,
+    sigma_units,
     text_fields,
+    turn_y,
     unknown_field_message,
     vector_columns,
     vector_components,
@@ -227,10 +229,13 @@ def _take_values(
         axes = "".join(row.letters("axes", "xyzenu")) or KINDS[kind].defaults["axes"]
         names, arguments["axes"] = tuple(axes), axes
     whole = bool(set(names) & set("enu"))
+    unit = "" if is_in_image(kind) else unit
     arguments["value"] = tuple(
         _reading(row, a, unit, optional) for a in ("xyz" if whole else names)
     )
     _take_vector_sigma(row, kind, names, context, arguments)
+    if is_in_image(kind) and not row.failed:
+        turn_y(kind, context.images.get(arguments["photo"], ImageAxes()), arguments)
 
 
 def _sigma_row(
@@ -298,13 +303,13 @@ def _take_vector_sigma(
     stated = _sigma_row(row, kind, context.sigma.get(kind, {}), f"[sigma.{kind}] of the project")
     if stated is None:
         return
-    units = tuple(ANGLE) if is_angle(kind) else tuple(LENGTH)
+    units = sigma_units(kind)
     if any(f.startswith("covariance_") for f in stated.fields):
         arguments["covariance"] = _take_covariance(stated, axes, units)
         return
     for_all = stated.quantity("sigma", units, positive=True)
     sigma = [stated.quantity(f"sigma_{a}", units, positive=True) for a in axes]
-    shown = "mgon" if is_angle(kind) else "mm"
+    shown = "image" if is_in_image(kind) else "mgon" if is_angle(kind) else "mm"
     for a, s in zip(axes, sigma, strict=True):
         if s is None and for_all is None and not row.failed:
             other = "xyz" if set(axes) <= set("enu") else "enu"
@@ -321,7 +326,7 @@ def _take_covariance(row: FieldRow, axes: tuple[str, ...], units: tuple[str, ...
     size = len(axes)
     out = np.zeros((size, size))
     squared = [f"{u}2" for u in units]
-    shown = "mgon2" if "mgon" in units else "mm2"
+    shown = next((u for u in squared if u in ("mgon2", "mm2")), squared[0])
     for i, j in product(range(size), repeat=2):
         name, mirrored = component_pair(axes[i], axes[j]), component_pair(axes[j], axes[i])
         value = row.quantity(f"covariance_{name}", squared)
@@ -426,8 +431,11 @@ def observation_record(
         return out | _sigma_record(given.sigma, kind, units)
     names = tuple(given.axes) if "axes" in have else vector_components(kind)
     of = vector_components(kind) if set(names) & set("enu") else names
-    out |= {a: numbers.write_quantity(v, unit) for a, v in zip(of, given.value, strict=True)}
-    return out | _vector_sigma_record(given, names, units)
+    turned = {"value": given.value, "covariance": given.covariance}
+    if is_in_image(kind):
+        turn_y(kind, axes or ImageAxes(), turned)
+    out |= {a: numbers.write_quantity(v, unit) for a, v in zip(of, turned["value"], strict=True)}
+    return out | _vector_sigma_record(kind, given.sigma, turned["covariance"], names, units)
 
 
 def _sigma_record(sigma: float | StandardDeviation, kind: str, units: Units) -> dict[str, str]:
@@ -454,14 +462,21 @@ def _sigma_record(sigma: float | StandardDeviation, kind: str, units: Units) -> 
     return out
 
 
-def _vector_sigma_record(given: Any, axes: tuple[str, ...], units: Units) -> dict[str, str]:
-    unit = units.sigma_angle if is_angle(given.kind) else units.sigma_length
-    if given.sigma is not None:
-        if len(set(given.sigma)) == 1:
-            return {f"sigma_{unit}": numbers.write_quantity(given.sigma[0], unit)}
-        by_axis = zip(axes, given.sigma, strict=True)
+def _vector_sigma_record(
+    kind: str,
+    sigma: Sequence[float] | None,
+    covariance: Array | None,
+    axes: tuple[str, ...],
+    units: Units,
+) -> dict[str, str]:
+    unit = units.sigma_angle if is_angle(kind) else units.sigma_length
+    unit = "image" if is_in_image(kind) else unit
+    if sigma is not None:
+        if len(set(sigma)) == 1:
+            return {f"sigma_{unit}": numbers.write_quantity(sigma[0], unit)}
+        by_axis = zip(axes, sigma, strict=True)
         return {f"sigma_{a}_{unit}": numbers.write_quantity(s, unit) for a, s in by_axis}
-    covariance = np.asarray(given.covariance, dtype=float)
+    covariance = np.asarray(covariance, dtype=float)
     out = {}
     for i, j in product(range(len(axes)), repeat=2):
         if j >= i or covariance[i, j] != covariance[j, i]:

@@ -431,7 +431,12 @@ def _images(network: Network) -> Records:
 
 def _observations(network: Network, units: Units) -> Records:
     for ident, o in network.observations.items():
-        yield observation_records.observation_record(o, id=ident, units=units, axes=ImageAxes())
+        axes = ImageAxes(y_down=any(_camera_of(network, f).y_down_in_files for f in o.photos()))
+        yield observation_records.observation_record(o, id=ident, units=units, axes=axes)
+
+
+def _camera_of(network: Network, photo: str) -> Camera:
+    return network.cameras[network.photos[photo].camera]
 
 
 def _covariances(network: Network) -> Records:

@@ -23,9 +23,10 @@ LONGEST_STEP = 0.3
 def tangents(lens: Lens, xy: Array, calibration: Array) -> Array:
     """Return the tangents (n, 2) of the rays of measured coordinates (n, 2).
 
-    Solves v(t) = 0 by t ← t − v/c. One step is exact for lens models that correct measured
-    coordinates; the steps converge for lens models that distort ideal ones (distortion ≪ 1). Rays
-    for which they do not, behind a strong pincushion distortion, are found by Newton's method.
+    Solves v(t) = 0 by t ← t − v/c, with v turned back by `Lens.towards_ideal`. One step is exact
+    for lens models that correct measured coordinates; the steps converge for lens models that
+    distort ideal ones (distortion ≪ 1). Rays for which they do not, behind a strong pincushion
+    distortion, are found by Newton's method.
 
     Args:
         lens: the lens model, of tangents.
@@ -33,12 +34,16 @@ def tangents(lens: Lens, xy: Array, calibration: Array) -> Array:
         calibration: parameters of the lens model, (n, k) or (1, k).
     """
     c = calibration[:, :1]
-    t = first = (xy - calibration[:, 1:3]) / c
+
+    def ideal(measured: Array) -> Array:
+        return np.stack(lens.towards_ideal(measured[:, 0], measured[:, 1], calibration), axis=1) / c
+
+    t = first = ideal(xy - calibration[:, 1:3])
     step = np.zeros_like(t)
     with np.errstate(over="ignore", invalid="ignore"):
         for _ in range(LENS_ITERATIONS):
             v, _, _ = lens.residual(t[:, 0], t[:, 1], xy, calibration, jacobians=False)
-            step = v / c
+            step = ideal(v)
             t = t - step
             if np.abs(step).max(initial=0.0) < TANGENT_TOLERANCE:
                 return np.asarray(t)

@@ -131,6 +131,14 @@ class Lens:
         by_z = by_y[0] * ty - by_x[0] * tx, by_y[1] * ty - by_x[1] * tx
         return Seen(v, (by_x, by_y, by_z), by_k)
 
+    def towards_ideal(self, x: Array, y: Array, k: Array) -> Pair:
+        """Return differences of measured coordinates (n,) as ideal ones, roughly.
+
+        It is the way from measured coordinates to rays, which begins with the coordinates
+        themselves where the model has no large linear part.
+        """
+        return x, y
+
     def residual(
         self, tx: Array, ty: Array, xy: Array, k: Array, *, jacobians: bool = True
     ) -> LensResult:

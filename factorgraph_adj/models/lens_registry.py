@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..errors import InputError, Problem
+from .film_lens import FilmLens
 from .lens import (
     AffineLens,
     BalancedLens,
@@ -75,5 +76,6 @@ for _lens in (
     UnifiedLens,
     EquirectangularLens,
     ParallelLens,
+    FilmLens,
 ):
     register_lens(_lens)

@@ -49,6 +49,7 @@ Quantity: TypeAlias = Literal[
     "coordinates in a strip",
     "attitude of a photo",
     "point of a line in a photo",
+    "mark of a film",
     "distance of photos",
     "relative rotation",
     "relative position",
@@ -107,6 +108,7 @@ _READ_BY_QUANTITY: dict[str, tuple[str, ...]] = {
     "coordinates in a strip": ("point", "axes"),
     "attitude of a photo": ("photo", "mount", "object_R_body"),
     "point of a line in a photo": ("photo", "line", "x", "y"),
+    "mark of a film": ("photo", "value", "film_x", "film_y"),
     "distance of photos": ("photo", "photo2"),
     "relative position": ("photo", "photo2", "mount", "instrument"),
 }
@@ -210,8 +212,8 @@ class ObservationKind:
     @cached_property
     def named(self) -> tuple[str, ...]:
         """Attributes that name points and photos, in the order of the variables, each once."""
-        both = (a for kind, a in self.variables if kind in ("point", "pose") and "." not in a)
-        return tuple(dict.fromkeys(both))
+        each = (a for kind, a in self.variables if kind in ENTITIES and "." not in a)
+        return tuple(dict.fromkeys(each))
 
     @cached_property
     def frames(self) -> tuple[str, ...]:
@@ -225,8 +227,8 @@ class ObservationKind:
 
     @cached_property
     def photos(self) -> tuple[str, ...]:
-        """Attributes that name photos, each once."""
-        return tuple(a for a in self.named if ("pose", a) in self.variables)
+        """Attributes that name photos, whose pose or camera is observed, each once."""
+        return tuple(a for a in self.named if ("point", a) not in self.variables)
 
     @cached_property
     def parameters(self) -> tuple[tuple[str, str], ...]:

@@ -120,12 +120,15 @@ def photo_problems(equations: Equations, at: Sources) -> Iterator[Problem]:
     network, table = equations.network, equations.unknowns["pose"]
     rows, counts = _touching(equations, "pose")
     calibrations = equations.unknowns["calibration"]
+    unknown_of = (calibrations.free & ~np.isfinite(calibrations.sigma)).sum(axis=1)
+    for block in equations.blocks:  # what observes a calibration alone, as fiducial marks do
+        if not block.prior and [kind for kind, _ in block.variables] == ["calibration"]:
+            np.subtract.at(unknown_of, block.variables[0][1], block.dimension)
     for i, name in enumerate(table.names):
         unknown = int(table.free[i].sum())
         camera = network.cameras[network.photos[name].camera]
         if camera.per_photo:
-            own = calibrations.number[calibration_name(network, name)]
-            unknown += int((calibrations.free[own] & ~np.isfinite(calibrations.sigma[own])).sum())
+            unknown += max(unknown_of[calibrations.number[calibration_name(network, name)]], 0)
         if rows[i] < unknown:
             n = counts[i].get("image", 0)
             needed = n + int(np.ceil((unknown - rows[i]) / 2))

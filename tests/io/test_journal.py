@@ -81,7 +81,7 @@ def drawn(kind: str, rng: np.random.Generator) -> o.Observation:
     names += ("before", "after")
     out = {n: next(free) for n in names if n in have}
     out |= {"point": out.get("point")} if either else {}
-    needed = (*KINDS[kind].texts, *KINDS[kind].frames)
+    needed = (*KINDS[kind].texts, *KINDS[kind].frames, *({"mark"} & {*have}))
     out |= {n: next(free) for n in needed if n not in KINDS[kind].optional and n not in out}
     texts = ["instrument", "refraction", "set", "drift"] + ["mount"] * ("photo" in out)
     texts += ["radius", "ring", "height", "focal"]
@@ -104,6 +104,8 @@ def drawn(kind: str, rng: np.random.Generator) -> o.Observation:
         "reference_y",
         "length",
         "interval",
+        "film_x",
+        "film_y",
     } & {*have}
     out |= {n: abs(number(rng)) % 3.0 + 0.01 for n in needed if n not in out}
     out |= {n: next(free) for n in ("start", "end") if n in have}

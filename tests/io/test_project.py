@@ -180,7 +180,7 @@ def any_observation(draw):
     chosen = draw(st.lists(NAME, min_size=len(have), max_size=len(have), unique=True))
     arguments = dict(zip(have, chosen, strict=True))
     arguments = ({"point": None} if either else {}) | arguments
-    needed = (*KINDS[kind].texts, *KINDS[kind].frames)
+    needed = (*KINDS[kind].texts, *KINDS[kind].frames, *({"mark"} & names))
     of = [n for n in needed if n not in KINDS[kind].optional]
     drawn = draw(st.lists(NAME, min_size=len(of), max_size=len(of), unique=True))
     arguments |= dict(zip(of, drawn, strict=True))
@@ -188,7 +188,7 @@ def any_observation(draw):
     needed = (n for n in vector_fields(kind) if n not in KINDS[kind].optional)
     arguments |= {n: draw(st.sampled_from(UNIT_VECTORS)) for n in needed}
     numbers_needed = {"horizontal", "zenith", "bearing", "reference_x", "reference_y", "length"}
-    numbers_needed |= {"interval"}
+    numbers_needed |= {"interval", "film_x", "film_y"}
     arguments |= {n: draw(st.floats(0.01, 3.0)) for n in sorted(numbers_needed & names)}
     ends = sorted({"start", "end"} & names)
     arguments |= {n: f"{n} of {arguments['point']}" for n in ends}

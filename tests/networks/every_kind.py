@@ -20,6 +20,7 @@ from factorgraph_adj.frames import Frame, GeocentricFrame, LocalFrame, Topocentr
 from factorgraph_adj.graph.equations import Equations, compile_network
 from factorgraph_adj.models import lens, place_lens, ray_lens
 from factorgraph_adj.models.deformation import DEFORMATIONS, HEIGHT_TERMS
+from factorgraph_adj.models.film_lens import FilmLens
 from factorgraph_adj.models.normalised_lens import (
     AffineNormalisedLens,
     CentredBrownLens,
@@ -352,6 +353,10 @@ OBSERVED: dict[str, Callable[[], list[o.Observation]]] = {
     ],
     "heading_difference": lambda: [o.HeadingDifference("i", "j", 0.0, sigma=0.1)],
     "gyro_azimuth": lambda: [o.GyroAzimuth("i", "j", 0.0, gyro="gyro", **SIGHT)],
+    "fiducial_mark": lambda: [
+        o.FiducialMark("scan", "1", (0, 0), film_x=11.0, film_y=9.0, sigma=(0.1, 0.2)),
+        o.FiducialMark("scan", "2", (0, 0), film_x=-8.0, film_y=3.0, covariance=COVARIANCE[:2, :2]),
+    ],
 }
 """Observations of each kind between the points i, j, k, l, of frames, and of the photos f, g."""
 OBSERVED |= {kind: example.observations for kind, example in EXAMPLES.items()}
@@ -573,6 +578,8 @@ def flight_equations(frame_name: str, *, turned: float = 0.0) -> tuple[Equations
         rotation = enu.T @ world_R_camera(*angles)
         network.add_photo(name, "camera", position=station + enu.T @ offset, rotation=rotation)
     add_flight(network)
+    network.add_camera("film", FilmLens(pixel=0.5), FILM, free=tuple(FILM)[1:], per_photo=True)
+    network.add_photo("scan", "film", position=station, rotation=enu.T)
     add_profile(network)
     network.set_distance_meter("edm", scale=3e-5, zero=0.02, free=("scale", "zero"))
     steps_of_examples = add_unknowns(network)
@@ -594,6 +601,7 @@ def flight_equations(frame_name: str, *, turned: float = 0.0) -> tuple[Equations
         "drift": (0.1,),
         "attitude_drift": (1e-2,),
         "shutter": (1e-2,),
+        "calibration": (1.0, 0.1, 0.1, *(1e-3,) * 4, *(1e-4,) * 4),
         "profile": (1.0, 1.0, 1.0, 1e-3),
         **steps_of_examples,
     }
@@ -695,6 +703,11 @@ _HARMONIC = dict(
 )
 
 
+FILM = _INTERIOR | {"m": 2e-3, "r": 0.2} | _AFFINITY
+FILM |= {"h1": 1e-4, "h2": -2e-4, "g1": 3e-4, "g2": -1e-4}
+"""Interior orientation of a photo on film."""
+
+
 def _orthogonal(model: OrthogonalLens, largest: float) -> Calibrated:
     """Return an orthogonal lens with parameters of both signs up to ``largest``, mm."""
     names = model.names[3:]
@@ -756,6 +769,7 @@ LENSES_USED: dict[str, Calibrated] = {
     "eucm": Calibrated(ray_lens.UnifiedLens(), _INTERIOR | {"alpha": 0.6, "beta": 1.1} | _AFFINITY),
     "equirectangular": Calibrated(ray_lens.EquirectangularLens(), _INTERIOR),
     "parallel": Calibrated(place_lens.ParallelLens(), _INTERIOR | _BROWN | _AFFINITY | {"c": 3.0}),
+    "film": Calibrated(FilmLens(), FILM),
 }
 """Lens models, image units mm."""
 CENTRAL = [name for name, used in LENSES_USED.items() if used.lens.takes != "places"]

@@ -8,6 +8,7 @@ from factorgraph_adj import observations as o
 from factorgraph_adj.entities import ORIGINS
 from factorgraph_adj.frames import GeocentricFrame, LocalFrame, TopocentricFrame
 from factorgraph_adj.models import lens
+from factorgraph_adj.models.film_lens import FilmLens
 from factorgraph_adj.models.lens_registry import LENSES
 from factorgraph_adj.models.orthogonal_lens import OrthogonalLens
 from factorgraph_adj.network.network import Network
@@ -37,6 +38,7 @@ def everything(frame_name: str) -> Network:
         options |= {"zero_radius": 17.7} if model is lens.BalancedLens else {}
         options |= {"affine": "after"} if model is lens.BrownLens else {}
         options |= {"image_base": 92.3} if issubclass(model, OrthogonalLens) else {}
+        options |= {"pixel": 0.015} if model is FilmLens else {}
         n.add_camera(
             f"camera {i}",
             model(**options),
@@ -68,6 +70,7 @@ def everything(frame_name: str) -> Network:
     )
     n.add_photo("f3", "camera 2")
     n.add_photo("f4", "camera 3", position=(0, 0, 9), omega_phi_kappa=(0, 0, -1), fixed=True)
+    n.add_photo("scan", f"camera {[*LENSES].index('film')}")
     n.set_orientation("A", set="2", value=1.234, sigma=0.01)
     n.set_orientation("#C", value=-2.0, fixed=True)
     n.set_refraction(value=0.13, sigma=0.05)
@@ -226,6 +229,10 @@ def everything(frame_name: str) -> Network:
         o.AxisAngle("tank", "hopper", sigma=1e-4),
         o.PlaneDistance("wall", "hopper", 1 / 3, sigma=1e-3),
         o.ImageLine("f1", "wall", 1 / 3, -2.0, sigma=0.005),
+        o.FiducialMark("scan", "F 1", (1 / 3, 2), film_x=-113.0, film_y=1 / 3, sigma=(0.1, 0.2)),
+        o.FiducialMark(
+            "scan", "#2", (1 / 3, 2), film_x=0, film_y=7, covariance=np.diag([0.1, 0.2]) + 0.01
+        ),
     )
     n.add_image_points("f2", ['"D"', "A"], [[1.5, -2.25], [1 / 3, 7]], sigma=0.5)
     n.add_image_points("f1", ['"D"', "A"], [[1.5, 0.0], [1 / 3, 7]], sigma=[[0.003, 0.004]] * 2)

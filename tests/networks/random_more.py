@@ -16,6 +16,7 @@ import numpy as np
 
 from factorgraph_adj import Network
 from factorgraph_adj import observations as o
+from factorgraph_adj.models.film_lens import TRANSFORMATIONS, FilmLens
 from factorgraph_adj.models.shapes import SHAPES
 from factorgraph_adj.rotation import exp_rotation
 from factorgraph_adj.types import Array
@@ -302,7 +303,31 @@ def _own_datum(m: More) -> None:
         m.network.add(o.FrameVector("gnss", a, b, ZERO, sigma=(3 * MM,) * 3))
 
 
-OF_PHOTOS: tuple[Callable[[More], None], ...] = (_flight, _odometry, _edges)
+def _scan(m: More) -> None:
+    """Add a photo on film, with its fiducial marks, beside another one."""
+    n = m.network
+    beside = next(iter(n.photos.values()))
+    assert beside.position is not None
+    camera = n.cameras[beside.camera]
+    c = camera.values[0]
+    transformation = ("conformal", "affine", "projective")[int(m.rng.integers(3))]
+    values = {"c": c, "x0": 300.0, "y0": -200.0, "m": -0.1, "r": 0.4}
+    free = TRANSFORMATIONS[transformation]  # type: ignore[index]
+    n.add_camera("film", FilmLens(pixel=0.1), values, free=free, per_photo=True)
+    at = np.add(beside.position, m.axes.T @ [0.4, 0.3, 0.2])
+    n.add_photo("scan", "film", position=at, rotation=beside.rotation)
+    photo, point, *_ = n.images.columns()
+    own = [list(n.points)[j] for j in point[photo == n.photo_number[beside.name]]]
+    for name in own:
+        n.add(o.ImagePoint("scan", name, 0.0, 0.0, sigma=0.004))
+    for i, (x, y) in enumerate(MARKS):
+        film = {"film_x": 0.05 * c * x, "film_y": 0.05 * c * y}
+        n.add(o.FiducialMark("scan", f"mark {i}", (0.0, 0.0), sigma=(0.004,) * 2, **film))
+
+
+MARKS = ((1, 1), (-1, 1), (-1, -1), (1, -1), (1, 0), (0, 1), (-1, 0), (0, -1))
+"""Places of fiducial marks in the corners and in the middle of the sides."""
+OF_PHOTOS: tuple[Callable[[More], None], ...] = (_flight, _odometry, _edges, _scan)
 """Those that need photos."""
 ON_SITE: tuple[Callable[[More], None], ...] = (_flight, _offsets, _alignment, _edges)
 """Those with constant places, or that say little of photos that nothing else holds: they are in
@@ -320,5 +345,6 @@ FAMILIES: tuple[Callable[[More], None], ...] = (
     _alignment,
     _edges,
     _own_datum,
+    _scan,
 )
 """What may be added."""

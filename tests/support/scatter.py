@@ -18,6 +18,7 @@ from scipy import stats
 
 import factorgraph_adj as fga
 from factorgraph_adj import observations as o
+from factorgraph_adj.models.film_lens import TRANSFORMATIONS, FilmLens
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.models.shapes import SHAPES
 from factorgraph_adj.models.unknown_registry import VariableKind
@@ -30,6 +31,7 @@ from tests.networks.deformed_models import deformed_block
 from tests.networks.instruments import room_of
 from tests.networks.microscope import microscope
 from tests.networks.odometry import odometry
+from tests.networks.random_more import MARKS
 from tests.networks.rigs import rig
 from tests.networks.rolling_drone import INTERVAL, flown
 from tests.networks.small_block import CENTRES, FOCAL, SIGMA_MM, box
@@ -403,6 +405,24 @@ def on_an_orbit() -> fga.Network:
     return network
 
 
+def scans() -> fga.Network:
+    """Four photos on film, each with an affine interior orientation by eight marks."""
+    network = photos()()
+    values = {"c": FOCAL, "x0": 50.0, "y0": -30.0, "m": 0.01, "r": 0.1}
+    del network.cameras["D3"]
+    network.add_camera(
+        "D3", FilmLens(pixel=0.5), values, free=TRANSFORMATIONS["affine"], per_photo=True
+    )
+    for i, photo in enumerate(network.photos):
+        for number, (x, y) in enumerate(MARKS):
+            film = {"film_x": 6.0 * x, "film_y": 6.0 * y}
+            at = (0.0, 0.0)
+            covariance = 2 * (SIGMA_MM / MM) ** 2 * correlated(i)[:2, :2]
+            more = {"covariance": covariance, **film}
+            network.add(o.FiducialMark(photo, f"{number}", at, **more))
+    return network
+
+
 NETWORKS: dict[str, Callable[[], fga.Network]] = {
     "slope_distance": slope_distances,
     "horizontal_distance": horizontal_distances,
@@ -467,6 +487,7 @@ NETWORKS: dict[str, Callable[[], fga.Network]] = {
     **dict.fromkeys(("planar_vector", "heading_difference"), vehicles),
     "body_vector": bodies,
     "photo_on_arc": on_an_orbit,
+    "fiducial_mark": scans,
     **dict.fromkeys(("photo_shift", "photo_turn"), moving_photos),
     "correlated": correlated_directions,
     "image, parallel projection": microscope,
