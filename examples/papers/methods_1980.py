@@ -91,7 +91,7 @@ METHODS: tuple[Row, ...] = (
     ),
     Row(18, "IMT, polynomials", lambda b: run.bent_strips(b.network, b)),
     Row(19, "IMT, plan and height", lambda b: run.in_turn(b.network, b)),
-    Row(20, "IMT, collocation", None, "needs collocation of residuals at control"),
+    Row(20, "IMT, collocation", run.collocated),
     Row(21, "IMT, triplets", lambda b: run.simultaneous(b, run.triplets(b.network))),
     Row(
         22,

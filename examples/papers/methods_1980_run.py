@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from factorgraph_adj.adjustment import adjust
+from factorgraph_adj.collocation.point_corrections import point_corrections
 from factorgraph_adj.models.deformation import DEFORMATIONS
 from factorgraph_adj.models.lens import BrownLens, NoDistortion
 from factorgraph_adj.models.orthogonal_lens import EbnerLens
@@ -49,6 +50,8 @@ HEIGHT = ("z", "z_x", "z_y", "z_xx")
 """Terms of the height of strip polynomials."""
 WEIGHTS = {"c": 0.05, "x0": 0.05, "y0": 0.05}
 """Standard deviations of the interior orientation as observed, mm."""
+SIGMA_LOOSE = 0.030
+"""Standard deviation of control that places a block and does not bend it, at image scale, mm."""
 SIGMA_CONTROL, SIGMA_CENTRE, SIGMA_ATTITUDE = 0.02, 20.0, 0.02
 """Standard deviations of observed control (m), centres (m) and attitudes (rad)."""
 
@@ -274,14 +277,44 @@ def simultaneous(
     return outcome(adjust(network), block)
 
 
+def collocated(block: MethodBlock) -> Outcome:
+    """20: models that control places and does not bend; its residuals then correct all points.
+
+    Control with its own standard deviation would bend the block towards it where it stands, and
+    leave no residuals. Gaussian covariance functions of plan and height are estimated from the
+    residuals, whose noise is that of control.
+    """
+    models = as_models(block.network)
+    network = uncorrelated(models)
+    loose = SIGMA_LOOSE * _scale(models, block)
+    for n, p in network.points.items():
+        if any(p.fixed):
+            sigma = [loose if held else np.inf for held in p.fixed]
+            network.points[n] = replace(p, fixed=(False,) * 3, sigma=(sigma[0], sigma[1], sigma[2]))
+    solution = adjust(network)
+    found = point_corrections(
+        solution, covariance="gaussian", height="gaussian", noise=SIGMA_CONTROL, alpha=1.0
+    )
+    errors = [
+        found.coordinates[i] - np.array(check)
+        for i, n in enumerate(found.names)
+        if (check := block.network.points[n].check) is not None
+    ]
+    return replace(outcome(solution, block), errors=np.array(errors).reshape(-1, 3))
+
+
+def _scale(models: ModelBlock, block: MethodBlock) -> float:
+    """Return metres on the ground for a millimetre in the images."""
+    focal = next(iter(block.network.cameras.values())).values[0]
+    return float(np.mean([-x[2] for m in models.models for x in m.points.values()])) / focal
+
+
 def _deform(models: ModelBlock, block: MethodBlock) -> None:
     """Give all models one deformation, weighted with zero."""
     network = models.network
-    camera = next(iter(block.network.cameras.values()))
     bases = {m.name: float(np.linalg.norm([*m.centres.values()][-1])) for m in models.models}
     mean = float(np.mean([*bases.values()]))
-    depth = float(np.mean([-x[2] for m in models.models for x in m.points.values()]))
-    sigma = SIGMA_DEFORMATION * depth / camera.values[0]
+    sigma = SIGMA_DEFORMATION * _scale(models, block)
     network.set_model_deformation("all", sigma=dict.fromkeys(DEFORMED, sigma))
     for i, o in network.observations.items():
         if isinstance(o, FrameCoordinate) and o.point is not None:
