@@ -151,6 +151,28 @@ class Equations:
             first = int(number[-1]) + 1 if block.n else first
         return np.concatenate(out)
 
+    @cached_property
+    def reading_of_row(self) -> Index:
+        """Number of the reading to which each scalar row belongs, (n_rows,).
+
+        A reading is an observation, or the observations of one correlated group that are parts of
+        one measurement (`ObservationKind.part_of`) between the same points and photos. Without such
+        groups it is `observation_of_row` itself.
+        """
+        own, stated = self.observation_of_row, self.network.observations
+        whole = np.arange(int(own[-1]) + 1 if len(own) else 0)
+        for cluster in self.clusters:
+            begin: dict[tuple[object, ...], int] = {}
+            numbers, at = np.unique(own[cluster.rows], return_index=True)
+            for number, row in zip(numbers.tolist(), cluster.rows[at].tolist(), strict=True):
+                o = stated.get(self.id(row))
+                if o is not None and o.record.part_of:
+                    ends = o.record.part_of, o.frames(), o.points(), o.photos()
+                    whole[number] = begin.setdefault(ends, number)
+        if np.array_equal(whole, np.arange(len(whole))):
+            return own
+        return np.unique(whole, return_inverse=True)[1][own].astype(np.intp)
+
     def find(self, ids: Sequence[str]) -> list[Index]:
         """Return the scalar rows of each id; an id without observation has no rows."""
         out = [self._rows_of.get(ident, np.zeros(0, dtype=np.intp)) for ident in ids]

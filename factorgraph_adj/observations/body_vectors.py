@@ -9,6 +9,7 @@ from ..models import body_vectors, datum_motions
 from ..models.unknown_registry import Component, UnknownKind, UnknownTable
 from .base import Observation, VectorObservation
 from .registry import ObservationKind
+from .relative_poses import RELATIVE_POSE
 
 
 @dataclass(frozen=True)
@@ -111,6 +112,7 @@ KINDS_IN_MODULE = (
         ),
         body_vectors.planar_vector,
         linear=True,
+        part_of=RELATIVE_POSE,
         titles={"de": "ebener Vektor im Fahrzeugsystem"},
     ),
     ObservationKind(
@@ -124,6 +126,7 @@ KINDS_IN_MODULE = (
         body_vectors.heading_difference,
         unit="rad",
         linear=True,
+        part_of=RELATIVE_POSE,
         titles={"de": "Kursdifferenz"},
     ),
 )

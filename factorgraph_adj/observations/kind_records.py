@@ -54,7 +54,7 @@ from .offsets import (
 )
 from .positions import PhotoPosition
 from .registry import Follower, ObservationKind
-from .relative_poses import RelativePosition, RelativeRotation
+from .relative_poses import RELATIVE_POSE, RelativePosition, RelativeRotation
 from .shape_points import _OnShape
 from .surface_heights import LevelHeight, ProfileHeight
 from .terrestrial_observations import GyroAzimuth
@@ -346,6 +346,7 @@ RIG_KINDS = (
         moved=relative_poses.turned,
         follower=Follower(1, 0, relative_poses.turned_with),
         quantity="relative rotation",
+        part_of=RELATIVE_POSE,
     ),
     ObservationKind(
         RelativePosition,
@@ -353,6 +354,7 @@ RIG_KINDS = (
         relative_poses.relative_position,
         follower=Follower(1, 0, relative_poses.moved_with),
         quantity="relative position",
+        part_of=RELATIVE_POSE,
     ),
 )
 """The kinds of this topic."""

@@ -199,6 +199,10 @@ class ObservationKind:
     instrument: str = ""
     """Attribute with the place of its instrument: over a point, or in the zero of a
     frame of its own; empty if it needs no such setup, as a tape or a level."""
+    part_of: str = ""
+    """Noun of the reading of which it is a part, together with correlated observations of other
+    kinds between the same places: they have one test, and are rejected together. Empty: it is a
+    reading itself."""
     outline: Outline | None = None
     """How plans draw what its first frame is, from the points that it has: a shape, a wire."""
     titles: Mapping[str, str] = field(default_factory=dict)

@@ -9,6 +9,8 @@ import numpy as np
 
 from .base import VectorObservation
 
+RELATIVE_POSE = "relative pose"
+"""Reading whose parts are a position and a turn of one body relative to another."""
 RIGID_TURN, RIGID_SHIFT = 1e-6, 1e-5
 """Standard deviations, radians and metres, below which a relative pose on a mount is the tie of a
 rigid mount: a play of 10 µm lets a member that slipped show, and none was measured better."""

@@ -36,6 +36,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
+from typing import Literal
 
 import numpy as np
 
@@ -46,6 +47,8 @@ from ..statistical_tests import ChiSquareTest, chi2_quantile, noncentrality_of_p
 from ..types import Array, Index, Mask
 from .error_effects import weighted_rows
 
+Test = Literal["baarda", "pope"]
+"""Baarda's w with σ0 = 1, or Pope's τ with the estimated σ̂0."""
 MIN_CONTROLLED_SHARE = 1e-6
 """Share of an error in the residuals above which an observation counts as controlled: a redundancy
 number, or an eigenvalue of M. Below this share the smallest detectable error is more than 4000 σ,

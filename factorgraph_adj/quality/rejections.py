@@ -30,10 +30,9 @@ from ..solve.solution import Solution
 from ..start.start_values import Start
 from ..types import Array, Mask
 from .causes.cause_search import Causes
+from .group_tests import Test
 from .reliability import Reliability, reliability
 
-Test = Literal["baarda", "pope"]
-"""Baarda's w with σ0 = 1, or Pope's τ with the estimated σ̂0."""
 MAX_LOST_SHARE = 1.0 / 3.0
 """Largest share of its readings that an instrument loses to gross errors of single readings."""
 MIN_LOST_READINGS = 6

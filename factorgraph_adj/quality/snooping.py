@@ -44,6 +44,7 @@ from ..statistical_tests import ALPHA_OF_OBSERVATION, POWER_OF_TEST
 from ..types import Array
 from .causes.block_mistakes import BlockMistake, block_mistakes
 from .causes.mistaken_identity import MistakenIdentity
+from .group_tests import Test
 from .misleading_readings import (
     exchanged_names,
     has_far_off_sights,
@@ -52,7 +53,7 @@ from .misleading_readings import (
     start_at_approximate_values,
     start_without_exchanges,
 )
-from .rejections import RejectedPoint, Round, Snooping, Test
+from .rejections import RejectedPoint, Round, Snooping
 from .robust_estimation import ESTIMATORS, Estimator, robust_adjust
 from .snooping_search import CannotSettle, SnoopingSearch
 from .snooping_state import rejected_components

@@ -1,13 +1,15 @@
 """Choice of the observations that a snooping round rejects, by test values and correlations.
 
 The candidates are the observations whose test value exceeds the critical value, in descending
-order; those with equal test values in the order of the network. A candidate is rejected if
+order; those with equal test values in the order of the network. Correlated observations that are
+parts of one reading, such as vector and turn of an edge, are one candidate, with the test of all
+its components together (`factorgraph_adj.quality.joint_readings`). A candidate is rejected if
 
 1. its test value is at least ``share`` of the largest test value that can be rejected;
 2. none of its test values is correlated by more than `MAX_TEST_CORRELATION` with a test value of an
    observation rejected earlier in this round, whose error may explain the candidate's;
-3. its test value in the linear model without the observations rejected earlier in this round still
-   exceeds the critical value;
+3. its test value, T² of a joint reading, in the linear model without the observations rejected
+   earlier in this round still exceeds the critical value;
 4. the remaining observations still determine all unknowns;
 5. it is no condition that the user states as such.
 
@@ -23,7 +25,7 @@ and all unknowns are determined as long as R_SS is regular.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -36,7 +38,8 @@ from ..solve.low_rank_update import Update
 from ..solve.solution import Solution
 from ..statistical_tests import EQUAL_TEST_VALUES, descending
 from ..types import Array, Index, Mask
-from .group_tests import MIN_CONTROLLED_SHARE
+from .group_tests import MIN_CONTROLLED_SHARE, t2_statistic
+from .joint_readings import JointTests, has_joint_readings
 
 MAX_TEST_CORRELATION = 0.5
 """Correlation of two test values above which the smaller one waits for the next round."""
@@ -59,34 +62,43 @@ leave the point undetermined."""
 
 @dataclass(frozen=True)
 class RowGroups:
-    """The observations of a solution; each is a unit that is rejected with all its rows."""
+    """The readings of a solution; each is a unit that is rejected with all its rows.
+
+    A reading is an observation, or several that are parts of one (`Equations.reading_of_row`).
+    """
 
     number: Index
-    """Number of the observation of each scalar row, (n,)."""
+    """Number of the reading of each scalar row, (n,)."""
+    order: Index | None
+    """Rows in the order of the readings, (n,); None: they are in this order."""
     first: Index
-    """First row of each observation, (m,)."""
+    """Place of the first row of each reading in this order, (m,)."""
     size: Index
-    """Number of rows of each observation, (m,)."""
+    """Number of rows of each reading, (m,)."""
 
     @classmethod
     def of(cls, equations: Equations) -> RowGroups:
-        """Return the observations of a network."""
-        number = equations.observation_of_row
-        first = np.flatnonzero(np.diff(number, prepend=-1))
-        return cls(number, first, np.diff(np.append(first, len(number))))
+        """Return the readings of a network."""
+        number = equations.reading_of_row
+        order = np.argsort(number, kind="stable") if has_joint_readings(equations) else None
+        first = np.flatnonzero(np.diff(number if order is None else number[order], prepend=-1))
+        return cls(number, order, first, np.diff(np.append(first, len(number))))
 
     def rows(self, unit: int) -> Index:
-        """Return the rows of one observation."""
-        return np.arange(self.first[unit], self.first[unit] + self.size[unit])
+        """Return the rows of one reading, ascending."""
+        places = np.arange(self.first[unit], self.first[unit] + self.size[unit])
+        return places if self.order is None else self.order[places]
 
     def worst_row(self, unit: int, values: Array) -> int:
-        """Return the row of one observation with the largest of |values| (n,)."""
+        """Return the row of one reading with the largest of |values| (n,)."""
         rows = self.rows(unit)
         return int(rows[descending(np.nan_to_num(np.abs(values[rows])))[0]])
 
     def largest(self, values: Array) -> Array:
-        """Return the largest of |values| (n,) of each observation, (m,); NaN counts as 0."""
-        return np.asarray(np.maximum.reduceat(np.nan_to_num(np.abs(values)), self.first))
+        """Return the largest of |values| (n,) of each reading, (m,); NaN counts as 0."""
+        size = np.nan_to_num(np.abs(values))
+        ordered = size if self.order is None else size[self.order]
+        return np.asarray(np.maximum.reduceat(ordered, self.first))
 
 
 @dataclass(frozen=True)
@@ -152,6 +164,7 @@ def choose_outliers(
     stuck: Collection[int] = (),
     every: bool = False,
     gone: Collection[int] = (),
+    joint: JointTests | None = None,
 ) -> Choice:
     """Choose the observations to reject.
 
@@ -165,10 +178,13 @@ def choose_outliers(
         every: reject every observation above the critical value, as long as the rest determines
             all unknowns: conditions 2 and 3 are left out.
         gone: observations of the solution that an update has taken out.
+        joint: tests of joint readings; None: there are none, or their largest test values decide.
     """
     most_rows = MAX_ROWS_OF_WHOLE_ROUND if every else MAX_ROWS_OF_ROUND
     units = RowGroups.of(rel.solution.equations)
     size = units.largest(test)
+    if joint is not None:
+        size = joint.in_units_of(critical, size)
     kept = [unit for unit in stuck if size[unit] > critical]
     margin = _margin(size[list(stuck)], critical)
     size[list(stuck)] = 0.0
@@ -187,6 +203,7 @@ def choose_outliers(
         margin = min(margin, _margin(size[order[len(candidates) :]], size[candidates[-1]]))
     looked_at = np.concatenate([np.array(kept, dtype=np.intp), candidates])
     search = _OutlierSearch(rel, units, looked_at, test, scale, gone)
+    search.limits = {} if joint is None else joint.limits()
     for unit in kept:
         search.explain_by(unit)
     for unit in candidates.tolist():
@@ -203,6 +220,7 @@ def choose_outliers(
             stuck=[*stuck, *(b.unit for b in blocked)],
             every=every,
             gone=gone,
+            joint=joint,
         )
         return Choice(others.chosen, (*blocked, *others.blocked), min(margin, others.margin))
     return Choice(tuple(chosen), tuple(blocked), margin)
@@ -217,7 +235,7 @@ def stated_conditions(equations: Equations, units: RowGroups) -> Mask:
         if record is None or "condition" not in record.attributes:
             continue
         is_one = np.array([is_condition(stated.get(i)) for i in block.ids], dtype=bool)
-        out[units.number[block.rows][:: block.dimension]] = is_one
+        out[units.number[block.rows][:: block.dimension][is_one]] = True
     return out
 
 
@@ -247,6 +265,8 @@ class _OutlierSearch:
         self.gone: list[int] = []
         self.before = frozenset(before)
         """Observations that have gone in earlier rounds."""
+        self.limits: Mapping[int, float] = {}
+        """Critical values of T² of joint readings, by their numbers."""
         self.margin = np.inf
         self.only_images = _only_images(rel.solution.equations)
         self.lost_points: set[int] = set()
@@ -264,6 +284,12 @@ class _OutlierSearch:
             size = np.nan_to_num(np.abs(self.test[self.rows]))
             self._decided(size[self.gone][alike], float(size[at].max()))
             return False
+        if unit in self.limits:
+            left = np.nan_to_num(self.left[np.ix_(at, at)])
+            t2, _ = t2_statistic(self.w[at], left, MIN_CONTROLLED_SHARE)
+            ratio = float(np.sqrt(np.nan_to_num(t2) / self.limits[unit]))
+            self._decided(np.array([ratio]), 1.0)
+            return ratio > 1.0
         left = np.diag(self.left)[at]
         still = np.abs(self.w[at]) / np.sqrt(np.where(left > MIN_CONTROLLED_SHARE, left, np.inf))
         self._decided(np.nan_to_num(still).max(keepdims=True), critical)
@@ -281,7 +307,10 @@ class _OutlierSearch:
         """Remove a unit, alone or with its point, if the rest determines all other unknowns."""
         at = self._at(unit)
         row = self.units.worst_row(unit, self.test)
-        candidate = Outlier(unit, row, float(self.test[row]), self.partners[self.place[row]])
+        partners = self.partners[self.place[row]]
+        if unit in self.limits:
+            partners = self._inseparable(unit)
+        candidate = Outlier(unit, row, float(self.test[row]), partners)
         point = _tie_point(self.rel.solution.equations, row, self.only_images)
         if point is not None and point in self.lost_points:
             return
@@ -307,6 +336,34 @@ class _OutlierSearch:
                 return
         self.chosen.append(candidate)
         self._let_go(at)
+
+    def _inseparable(self, unit: int) -> tuple[tuple[int, float], ...]:
+        """Return the worst rows of joint readings that no direction of an error tells apart.
+
+        With canonical correlations: the smallest of a pair is at least `INSEPARABLE_CORRELATION`.
+        An edge of a chain that only the loop of one closure controls is inseparable from it.
+        """
+        found: list[tuple[int, float]] = []
+        own = self._root(unit)
+        for other in (u for u in self.limits if u != unit and self._is_candidate(u)):
+            cross = self.rho[np.ix_(self._at(unit), self._at(other))]
+            whitened = own @ np.nan_to_num(cross) @ self._root(other).T
+            least = float(np.linalg.svd(whitened, compute_uv=False)[-1])
+            if least >= INSEPARABLE_CORRELATION:
+                found.append((self.units.worst_row(other, self.test), least))
+        order = descending(np.array([rho for _, rho in found]))
+        return tuple(found[i] for i in order.tolist())
+
+    def _root(self, unit: int) -> Array:
+        """Return W with Wᵀ W = R⁺ of the correlations of a reading."""
+        at = self._at(unit)
+        values, vectors = np.linalg.eigh(np.nan_to_num(self.rho[np.ix_(at, at)]))
+        on = values > MIN_CONTROLLED_SHARE
+        scale = np.where(on, 1.0 / np.sqrt(np.where(on, values, 1.0)), 0.0)
+        return np.asarray(scale[:, None] * vectors.T)
+
+    def _is_candidate(self, unit: int) -> bool:
+        return int(self.units.rows(unit)[0]) in self.place
 
     def _at(self, unit: int) -> Index:
         return np.array([self.place[int(row)] for row in self.units.rows(unit)], dtype=np.intp)

@@ -24,8 +24,10 @@ from ..statistical_tests import chi2_quantile, descending, fisher_quantile, norm
 from ..types import Array
 from .causes.cause_search import Causes, causes, every_mistaken_identity
 from .causes.mistaken_identity import MistakenIdentity, merged_exchanges
+from .group_tests import Test
+from .joint_readings import fitting_readings
 from .prediction import Prediction, Predictor
-from .rejections import Rejected, RejectedFactor, RejectedPoint, Round, Snooping, Test, Unresolved
+from .rejections import Rejected, RejectedFactor, RejectedPoint, Round, Snooping, Unresolved
 from .reliability import Reliability, critical_tau, reliability
 from .snooping_candidates import Choice, Outlier, RowGroups, choose_outliers, stated_conditions
 from .snooping_state import FactorSearch, SnoopingState, rejected_components
@@ -210,7 +212,7 @@ class SnoopingSearch:
     def _set_aside(self, chosen: Sequence[Outlier], number: int, tests: Array | None = None) -> int:
         """Adjust without the chosen outliers; return the number removed, 0 after a failure."""
         tests = self.present.values if tests is None else tests
-        alone = [self._rejected(c, number, tests) for c in chosen if c.point is None]
+        alone = [r for c in chosen if c.point is None for r in self._rejected(c, number, tests)]
         aside = {r.id: r for r in alone}
         lost = {p.name: p for c in chosen if c.point is not None for p in [self._point(c, number)]}
         points = [*self.points, *lost]
@@ -265,13 +267,17 @@ class SnoopingSearch:
         self.present = SnoopingState(rel, self.test)
         return None
 
-    def _rejected(self, c: Outlier, number: int, tests: Array) -> Rejected:
+    def _rejected(self, c: Outlier, number: int, tests: Array) -> Iterator[Rejected]:
+        """Iterate over the observations of an outlier, each with its worst component."""
         equations, errors = self.solution.equations, self.present.tested.estimated_errors
         inseparable = tuple((equations.label(row), rho) for row, rho in c.inseparable)
         rows = RowGroups.of(equations).rows(c.unit)
-        every = rejected_components(equations, rows, tests, errors, number, inseparable)
-        self.components[every[0].id] = every
-        return every[c.row - int(rows[0])]
+        of_row = equations.observation_of_row[rows]
+        for own in (rows[of_row == n] for n in dict.fromkeys(of_row.tolist())):
+            every = rejected_components(equations, own, tests, errors, number, inseparable)
+            self.components[every[0].id] = every
+            size = np.nan_to_num(np.abs(tests[own]))
+            yield every[c.row - int(own[0]) if c.row in own else int(descending(size)[0])]
 
     def _point(self, c: Outlier, number: int) -> RejectedPoint:
         equations = self.solution.equations
@@ -328,8 +334,9 @@ class SnoopingSearch:
             return []
         test, critical = self._if_put_back(prediction)
         fits = np.maximum.reduceat(np.abs(test), prediction.first) <= critical
-        fitting = [i for i, ok in zip(prediction.ids, fits, strict=True) if ok]
-        return [i for i in fitting if i not in self.readmitted]
+        fitting = dict(zip(prediction.ids, fits.tolist(), strict=True))
+        fitting |= fitting_readings(prediction, self.solution, self.test, self.alpha)
+        return [i for i, ok in fitting.items() if ok and i not in self.readmitted]
 
     def _fitting_points(self) -> list[str]:
         """Return the removed points whose rays intersect: T² of the intersection passes."""
@@ -458,8 +465,7 @@ class SnoopingSearch:
 
     def _unresolved(self) -> tuple[Unresolved, ...]:
         """Return the observations above the critical value at the end, the largest first."""
-        units = RowGroups.of(self.solution.equations)
-        size = units.largest(self.present.values)
+        units, size = RowGroups.of(self.solution.equations), self.present.largest
         order = descending(size)
         above = order[size[order] > self.present.critical].tolist()
         last = self._choice(share=1.0) if above else Choice((), ())
@@ -484,7 +490,7 @@ class SnoopingSearch:
                     record.kind,
                     self.solution.equations.label(row),
                     record.component,
-                    float(self.present.values[row]),
+                    float(np.copysign(size[unit], self.present.values[row])),
                     float(self.reliability.estimated_errors[row]),
                     reason,
                 )

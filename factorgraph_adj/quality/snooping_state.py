@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -33,11 +34,11 @@ from ..solve.added_factors import AddedFactors
 from ..solve.low_rank_update import SolvedCofactors, Update
 from ..solve.minimum import readjust
 from ..solve.solution import Solution
-from ..statistical_tests import chi2_quantile, fisher_quantile
 from ..types import Array, Index, Mask
 from .error_effects import residual_response, weight_diagonal, weighted_rows
-from .group_tests import FactorReliability, least_share
-from .rejections import Rejected, RejectedFactor, Test, Unresolved
+from .group_tests import FactorReliability, Test, least_share
+from .joint_readings import JointTests, critical_joint_test
+from .rejections import Rejected, RejectedFactor, Unresolved
 from .reliability import Reliability, correlations_of_tests, critical_tau, reliability
 from .snooping_candidates import Choice, Outlier, RowGroups, choose_outliers
 
@@ -83,16 +84,14 @@ class FactorSearch:
 
     def ratio(self, tested: FactorReliability, solution: Solution) -> float:
         """Return √(T²/critical) of a factor in a solution with it; 0 where nothing controls it."""
-        d, f = tested.dof, solution.redundancy
-        if not d:
+        if not tested.dof:
             return 0.0
-        if self.test == "baarda":
-            return float(np.sqrt(tested.t2 / chi2_quantile(1.0 - self.alpha, d)))
-        if f <= d or not solution.vtpv > 0.0:
-            return 0.0
-        quantile = fisher_quantile(1.0 - self.alpha, d, f - d)
-        critical = solution.vtpv * d * quantile / (d * quantile + f - d)
-        return float(np.sqrt(tested.t2 / critical))
+        f = solution.redundancy
+        scale = 1.0
+        if self.test == "pope":
+            scale = solution.vtpv / f if f > 0 else 0.0
+        limit = critical_joint_test(self.test, self.alpha, tested.dof, f)
+        return float(np.sqrt(tested.t2 / scale / limit)) if scale > 0.0 else 0.0
 
     def ratios(self, rel: Reliability) -> dict[str, float]:
         """Return √(T²/critical) of all factors that are in a solution."""
@@ -176,7 +175,7 @@ class UpdatedTests:
         """Return the test values without more observations; None: an update cannot give them.
 
         Args:
-            rows: all rows of observations that are not members of clusters, (k,).
+            rows: all rows of observations, and of clusters, (k,).
         """
         solution, equations = self.solution, self.solution.equations
         system = solution.normal().system
@@ -287,8 +286,15 @@ class SnoopingState:
 
     @property
     def largest(self) -> Array:
-        """Largest of the test values of each observation, (m,)."""
-        return RowGroups.of(self.solution.equations).largest(self.values)
+        """Largest test values of all readings, (m,); of joint ones critical · √(T²/limit)."""
+        size = RowGroups.of(self.solution.equations).largest(self.values)
+        joint, critical = self.joint, self.critical
+        return size if joint is None or np.isnan(critical) else joint.in_units_of(critical, size)
+
+    @cached_property
+    def joint(self) -> JointTests | None:
+        """Tests of joint readings, which leave by weights alone; None: there are none."""
+        return JointTests.of(self.reliability, self.test, self.redundancy, self.solution.vtpv)
 
     def choice(self, share: float, stuck: Collection[str]) -> Choice:
         """Choose the observations that the next round rejects; ``stuck`` ones stay."""
@@ -301,15 +307,24 @@ class SnoopingState:
             share=share,
             stuck=self._units(np.array([r[0] for r in found if len(r)], dtype=np.intp)),
             gone=() if self.updated is None else self._units(self.updated.gone),
+            joint=self.joint,
         )
 
     # -- taking out --------------------------------------------------------------------------------
 
     def updated_without(self, chosen: Sequence[Outlier]) -> SnoopingState | None:
-        """Return the test values after a low-rank update; None: there are too many rows for it."""
+        """Return the test values after a low-rank update.
+
+        None: there are too many rows for it, or joint readings, whose tests it does not update.
+        """
         own = self.solution.weights is None or self.weights is not None
         rows = self._rows(chosen)
-        if not own or rows is None or any(c.point is not None for c in chosen):
+        if (
+            not own
+            or self.joint is not None
+            or rows is None
+            or any(c.point is not None for c in chosen)
+        ):
             return None
         before = UpdatedTests.of(self.reliability) if self.updated is None else self.updated
         if len(before.gone) + len(rows) > MAX_UPDATED_ROWS:
@@ -324,7 +339,7 @@ class SnoopingState:
     ) -> SnoopingState | None:
         """Return the adjustment with negligible weights of outliers, and of what has left it.
 
-        None: the adjustment fails, or members of clusters are among the outliers.
+        None: the adjustment fails, or some members of a cluster leave, and others stay.
         """
         rows, equations = self._rows(chosen), self.solution.equations
         if rows is None:
@@ -348,7 +363,7 @@ class SnoopingState:
     def _rows(self, chosen: Sequence[Outlier]) -> Index | None:
         """Return the rows of outliers, (k,), with all rays of points that are rejected.
 
-        None for members of clusters: the weights of the other members depend on them.
+        None for some members of a cluster: the weights of the others depend on them.
         """
         equations, units = self.solution.equations, RowGroups.of(self.solution.equations)
         rows = [np.zeros(0, dtype=np.intp)]
@@ -357,8 +372,10 @@ class SnoopingState:
             if c.point is not None:
                 rows.append((self.rays(c.point)[:, None] + np.arange(2)).ravel())
         out = np.concatenate(rows)
-        joint = np.concatenate([np.zeros(0, dtype=np.intp), *(c.rows for c in equations.clusters)])
-        return None if np.isin(out, joint).any() else out
+        leaves = np.zeros(equations.n_rows, dtype=bool)
+        leaves[out] = True
+        parted = (leaves[c.rows] for c in equations.clusters)
+        return None if any(own.any() and not own.all() for own in parted) else out
 
     def rays(self, point: int) -> Index:
         """Return the first row of every ray to a point, (k,)."""
@@ -371,8 +388,8 @@ class SnoopingState:
         )
 
     def _units(self, rows: Index) -> list[int]:
-        """Return the numbers of the observations with these rows."""
-        number = self.solution.equations.observation_of_row
+        """Return the numbers of the readings with these rows."""
+        number = self.solution.equations.reading_of_row
         return [int(n) for n in number[rows]]
 
 
