@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import fields
 from typing import Any, cast
 
@@ -121,13 +122,13 @@ def _readout(row: FieldRow, has_format: bool) -> tuple[float | None, Towards]:
     return readout, cast(Towards, row.choice("readout_towards", TOWARDS, "down"))
 
 
-def _lens(row: FieldRow) -> Lens:
+def _lens(row: FieldRow, key: str = "lens") -> Lens:
     """Return the lens model: a name, or a table with ``model`` and its options."""
-    given = row.take("lens")
+    given = row.take(key)
     table = {"model": given} if isinstance(given, str) else given
     if not isinstance(table, dict):
         table = {} if table is None else {"model": table}
-    inside = FieldRow(table, row.where, row.problems, f"{row.of} lens")
+    inside = FieldRow(table, row.where, row.problems, f"{row.of} {key}")
     cls = LENSES[inside.choice("model", LENSES, "none")]
     options = {f.name: f.type for f in fields(cls)}
     if inside.failed:
@@ -136,12 +137,50 @@ def _lens(row: FieldRow) -> Lens:
     chosen: dict[str, Any] = {}
     for name, kind in options.items():
         if name in inside:
-            chosen[name] = inside.number(name) if kind == "float" else inside.text(name)
+            chosen[name] = READ_OPTION.get(str(kind), FieldRow.text)(inside, name)
+    if inside.failed:
+        return cls()
     try:
         return cls(**{k: v for k, v in chosen.items() if v is not None})
     except InputError as error:
         inside.wrong_all(error)
         return cls()
+
+
+def _numbers(row: FieldRow, name: str) -> tuple[float, ...] | None:
+    """Return a list of finite numbers."""
+    given = row.take(name)
+    found = _finite(given)
+    if found is None:
+        row.wrong(f"{name} must be a list of numbers")
+    return found
+
+
+def _rows_of_numbers(row: FieldRow, name: str) -> tuple[tuple[float, ...], ...] | None:
+    """Return a list of lists of finite numbers."""
+    given = row.take(name)
+    found = [_finite(each) for each in given] if isinstance(given, list | tuple) else [None]
+    if any(each is None for each in found):
+        row.wrong(f"{name} must be a list of rows, each a list of numbers")
+        return None
+    return tuple(each for each in found if each is not None)
+
+
+def _finite(given: object) -> tuple[float, ...] | None:
+    """Return finite numbers; None if something else is given."""
+    if not isinstance(given, list | tuple):
+        return None
+    good = all(type(v) in (int, float) and math.isfinite(v) for v in given)
+    return tuple(float(v) for v in given) if good else None
+
+
+READ_OPTION: dict[str, Callable[[FieldRow, str], Any]] = {
+    "float": FieldRow.number,
+    "Lens": _lens,
+    "tuple[float, ...]": _numbers,
+    "tuple[tuple[float, ...], ...]": _rows_of_numbers,
+}
+"""How options of lens models are read, by their type; others are texts."""
 
 
 def _parameters(

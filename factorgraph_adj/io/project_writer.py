@@ -17,6 +17,7 @@ from ..control_characters import problems_of_names
 from ..entities import Camera, Photo, Point, parameter_key
 from ..errors import InputError, Problem, taking
 from ..frames import Frame, GeocentricFrame, LocalFrame
+from ..models.lens import Lens
 from ..models.unknown_registry import UnknownKind, parameter_kinds
 from ..network.network import Network
 from ..rotation import TURN_ABOUT_X, omega_phi_kappa, world_R_camera
@@ -129,11 +130,9 @@ def _decimal(value: float, unit: str) -> str:
 def camera_record(camera: Camera) -> dict[str, object]:
     """Return the keys of a camera, a table [[camera]]; a held parameter is written as a number."""
     lens = camera.lens
-    options = {f.name: getattr(lens, f.name) for f in fields(lens)}
-    options = {k: float(v) if type(v) is int else v for k, v in options.items()}
     out: dict[str, object] = {
         "name": camera.name,
-        "lens": {"model": lens.kind, **options} if options else lens.kind,
+        "lens": _lens_record(lens),
         "unit": camera.unit,
     }
     if camera.y_down_in_files:
@@ -155,6 +154,16 @@ def camera_record(camera: Camera) -> dict[str, object]:
         else:
             parameters[name] = {"value": float(value), "free": True}
     return out | {"parameters": parameters}
+
+
+def _lens_record(lens: Lens) -> object:
+    """Return a lens model: its name, or a table with its options."""
+    options: dict[str, object] = {}
+    for f in fields(lens):
+        value = getattr(lens, f.name)
+        inside = _lens_record(value) if isinstance(value, Lens) else value
+        options[f.name] = float(value) if type(value) is int else inside
+    return {"model": lens.kind, **options} if options else lens.kind
 
 
 def _camera(camera: Camera) -> Iterator[str]:

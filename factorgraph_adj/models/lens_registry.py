@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ..errors import InputError, Problem
 from .film_lens import FilmLens
+from .grid_lens import GridLens
 from .lens import (
     AffineLens,
     BalancedLens,
@@ -75,6 +76,7 @@ for _lens in (
     DivisionLens,
     UnifiedLens,
     EquirectangularLens,
+    GridLens,
     ParallelLens,
     FilmLens,
 ):

@@ -21,6 +21,7 @@ from factorgraph_adj.graph.equations import Equations, compile_network
 from factorgraph_adj.models import lens, place_lens, ray_lens
 from factorgraph_adj.models.deformation import DEFORMATIONS, HEIGHT_TERMS
 from factorgraph_adj.models.film_lens import FilmLens
+from factorgraph_adj.models.grid_lens import GridLens
 from factorgraph_adj.models.normalised_lens import (
     AffineNormalisedLens,
     CentredBrownLens,
@@ -756,6 +757,16 @@ LENSES_USED: dict[str, Calibrated] = {
         _INTERIOR
         | {"k1": 0.3, "k2": -0.1, "k3": 0.02, "k4": 0.5, "k5": 0.1, "k6": 0.03}
         | {"p1": 2e-3, "p2": -1e-3, "b1": 0.02, "b2": -0.03},
+    ),
+    "grid": Calibrated(
+        GridLens(
+            lens.BrownLens(),
+            (-14.0, 0.0, 5.0, 14.0),
+            (-10.0, 1.0, 10.0),
+            ((0.01, -0.02, 0.01, 0.0), (0.02, 0.01, -0.01, 0.02), (0.0, 0.01, 0.02, -0.01)),
+            ((-0.01, 0.01, 0.02, 0.01), (0.0, -0.02, 0.01, 0.0), (0.01, 0.02, 0.0, 0.01)),
+        ),
+        _INTERIOR | _BROWN | _AFFINITY,
     ),
     "fisheye": Calibrated(
         ray_lens.FisheyeLens(),
