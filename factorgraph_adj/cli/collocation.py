@@ -1,4 +1,4 @@
-"""Command ``collocate``: residuals at control or check points, and corrections of all points."""
+"""Command ``collocate``: corrections of points by residuals at known ones, of images by grids."""
 
 from __future__ import annotations
 
@@ -9,18 +9,23 @@ from typing import get_args
 
 from ..adjustment import adjust
 from ..collocation.covariance_function import CORRELATION_FUNCTIONS, CovarianceFunction
+from ..collocation.image_corrections import corrected_bundle
 from ..collocation.point_corrections import KnownPoints, StatedCovariance, point_corrections
 from ..collocation.trend import TRENDS
 from ..errors import InputError
 from ..io.file_transaction import one_transaction, write_files
+from ..io.project import Project
+from ..io.project_writer import write_project
 from ..report.doubtful_results import notes_of_solution
 from ..report.point_corrections import (
     CorrectionsReport,
     corrected_points_table,
     known_points_table,
     render_corrections,
+    render_image_corrections,
 )
 from ..report.tables import as_csv
+from ..solve.solution import Solution
 from ..statistical_tests import ALPHA_OF_MODEL
 from .input import add_project, read_input
 from .messages import EXIT_CODES, EXIT_DOUBTFUL, EXIT_FINE
@@ -33,6 +38,8 @@ from .options import (
     problems_of_outputs,
 )
 
+IMAGE_ROUNDS = 5
+"""Largest number of bundles with correction grids."""
 ROWS = 30
 """Number of corrected points that the screen has."""
 
@@ -52,10 +59,10 @@ def add_collocate(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--height",
-        type=covariance_function,
+        type=height_function,
         default="same",
-        metavar="KIND[:SIGMA,LENGTH]|none",
-        help="the same of heights (that of the plan)",
+        metavar="KIND[:SIGMA,LENGTH]|none|same",
+        help="the same of heights (same: that of the plan)",
     )
     parser.add_argument(
         "--trend", choices=tuple(TRENDS), default="none", help="besides the signal (none)"
@@ -79,6 +86,16 @@ def add_collocate(parser: argparse.ArgumentParser) -> None:
         default=ALPHA_OF_MODEL,
         metavar="P",
         help="with which the test finds a signal where there is none (0.05)",
+    )
+    parser.add_argument(
+        "--images",
+        nargs="?",
+        type=positive_count,
+        const=IMAGE_ROUNDS,
+        metavar="ROUNDS",
+        help="instead filter the residuals of images, and adjust again with a correction grid of "
+        f"each camera, until no signal is left or {IMAGE_ROUNDS} (ROUNDS) times; SIGMA and LENGTH "
+        "of --covariance are in image units; --out has the project with the grids",
     )
     parser.add_argument(
         "--rows", type=positive_count, default=ROWS, metavar="N", help=f"of points ({ROWS})"
@@ -108,6 +125,11 @@ def covariance_function(text: str) -> StatedCovariance:
         raise argparse.ArgumentTypeError(what) from None
 
 
+def height_function(text: str) -> StatedCovariance:
+    """Read what `covariance_function` reads, or ``same``."""
+    return text if text == "same" else covariance_function(text)
+
+
 def _collocate(options: argparse.Namespace) -> int:
     if problems := list(problems_of_outputs(options)):
         raise InputError(problems)
@@ -115,6 +137,8 @@ def _collocate(options: argparse.Namespace) -> int:
     if options.datum is not None:
         project.network.datum = options.datum
     project, solution = adjust_determined(project, adjust, leave_out=options.leave_out_undetermined)
+    if options.images is not None:
+        return _images(options, project, solution)
     noise = options.noise
     found = point_corrections(
         solution,
@@ -142,3 +166,24 @@ def _collocate(options: argparse.Namespace) -> int:
     for remark in found.remarks:
         print(remark, file=sys.stderr)
     return EXIT_DOUBTFUL if found.remarks or not solution.converged else EXIT_FINE
+
+
+def _images(options: argparse.Namespace, project: Project, solution: Solution) -> int:
+    """Adjust again with correction grids of the cameras, print and write them; an exit code."""
+    if options.covariance is None:
+        raise InputError("--covariance none leaves nothing to filter in images")
+    found = corrected_bundle(
+        solution, covariance=options.covariance, rounds=options.images, alpha=options.alpha
+    )
+    text = render_image_corrections(found)
+    if options.out is not None:
+        with one_transaction():
+            write_files(Path(options.out), {"collocation.txt": text})
+            write_project(
+                found.solution.network, Path(options.out, "project.toml"), units=project.units
+            )
+    print(text, end="", flush=True)
+    for said in notes_of_solution(found.solution):
+        print(said, file=sys.stderr)
+    corrected = any(c.cameras for c in found.rounds)
+    return EXIT_FINE if corrected and found.solution.converged else EXIT_DOUBTFUL

@@ -138,10 +138,10 @@ def _lens(row: FieldRow, key: str = "lens") -> Lens:
     for name, kind in options.items():
         if name in inside:
             chosen[name] = READ_OPTION.get(str(kind), FieldRow.text)(inside, name)
-    if inside.failed:
+    if any(value is None for value in chosen.values()):  # its problem is noted
         return cls()
     try:
-        return cls(**{k: v for k, v in chosen.items() if v is not None})
+        return cls(**chosen)
     except InputError as error:
         inside.wrong_all(error)
         return cls()

@@ -18,8 +18,8 @@ from typing import ClassVar
 import numpy as np
 
 from ..errors import InputError, Problem
-from ..types import Array
-from .lens import Lens, LensPartials
+from ..types import Array, Index
+from .lens import Lens, LensPartials, Pair
 
 
 @dataclass(frozen=True)
@@ -77,6 +77,10 @@ class GridLens(Lens):
         dx, dy = self.corrections(x, y)
         return self.base.partials(tx, ty, x + dx, y + dy, k, jacobians=jacobians)
 
+    def towards_ideal(self, x: Array, y: Array, k: Array) -> Pair:
+        """Return differences of measured coordinates turned back, see `Lens.towards_ideal`."""
+        return self.base.towards_ideal(x, y, k)
+
     def corrections(self, x: Array, y: Array) -> tuple[Array, Array]:
         """Return dx and dy at measured coordinates, (n,) each."""
         if not self.x:
@@ -105,8 +109,9 @@ class GridLens(Lens):
         return np.array(self.dx), np.array(self.dy)
 
 
-def _cell(nodes: Array, at: Array) -> tuple[Array, Array]:
+def _cell(nodes: Array, at: Array) -> tuple[Index, Array]:
     """Return the cell of each coordinate, and where it lies in it, from 0 to 1."""
-    i = np.clip(np.searchsorted(nodes, at, side="right") - 1, 0, len(nodes) - 2)
+    found = np.searchsorted(nodes, at, side="right") - 1
+    i = np.clip(found, 0, len(nodes) - 2).astype(np.intp)
     share = (at - nodes[i]) / (nodes[i + 1] - nodes[i])
     return i, np.clip(share, 0.0, 1.0)

@@ -1,4 +1,4 @@
-"""Report of corrections by collocation: text, tables of known points and of corrected points."""
+"""Reports of collocation: known and corrected points as text and tables, grids of cameras."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..collocation.image_corrections import CorrectedBundle
 from ..collocation.point_corrections import PointCorrections
 from ..io.numbers import Units
 from ..quality.reliability import noncentrality
@@ -181,4 +182,27 @@ def render_corrections(report: CorrectionsReport, *, most: int | None = None) ->
         f"x, y, z: corrected, {u.length}; de, dn, du: corrections along east, north, up with their "
         f"σ, then σ of the corrected coordinates with that of the adjustment, {u.sigma_length}."
     )
+    return "\n".join(lines) + "\n"
+
+
+def render_image_corrections(found: CorrectedBundle) -> str:
+    """Return the text report of bundles with correction grids."""
+    lines = title("Collocation of image residuals")
+    for number, (solution, corrections) in enumerate(
+        zip(found.solutions, found.rounds, strict=False), start=1
+    ):
+        lines += paragraph(f"Bundle {number}: σ̂0 {solution.sigma0:.4f}.")
+        for name, c in corrections.cameras.items():
+            unit = solution.network.cameras[name].unit
+            function = c.collocation.functions[0]
+            lines += paragraph(
+                f"Camera {name}: covariance function {function} {unit}; corrections of "
+                f"{len(c.lens.x)} × {len(c.lens.y)} nodes by up to {c.largest:.3g} {unit}, their "
+                f"σ up to {c.sigmas.max():.3g} {unit}. {c.test.headline()}."
+            )
+        for remark in corrections.remarks:
+            lines += paragraph(f"{remark}.")
+    if len(found.solutions) > len(found.rounds):
+        last = found.solutions[-1]
+        lines += paragraph(f"Bundle {len(found.solutions)}: σ̂0 {last.sigma0:.4f}.")
     return "\n".join(lines) + "\n"

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
+from examples.papers.methods_1980_block import simulated_block
 from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.collocation.point_corrections import point_corrections
 from tests.networks.deformed_heights import SIGNAL, levelled
@@ -63,6 +64,36 @@ def test_a_function_is_estimated_or_refused(
         == 2
     )
     assert "no signal that noise does not explain" in capsys.readouterr().err
+
+
+def test_images_are_corrected_by_a_grid_in_the_written_project(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fga.write_project(simulated_block().network, tmp_path / "block" / "project.toml")
+    out = tmp_path / "out"
+    assert main(["collocate", str(tmp_path / "block"), "--images", "1", "--out", str(out)]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "Camera camera: covariance function gaussian" in said and "21 × 21 nodes" in said
+    again = fga.read_project(out)
+    assert again.cameras["camera"].lens.kind == "grid"
+    printed = float(said.split("Bundle 2: σ̂0 ")[1].split()[0].rstrip("."))
+    assert fga.adjust(again).sigma0 == pytest.approx(printed, abs=1e-4)
+
+
+def test_heights_have_the_function_of_the_plan_by_default(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    network = fga.Network("shifted checks")
+    rng = np.random.default_rng(4)
+    for i, x in enumerate(rng.uniform(0.0, 900.0, (8, 3))):
+        network.add_point(f"P{i}", x, fixed="xyz", check=x + np.array([0.02, 0.0, 0.01]))
+    network.add_point("Q", (1.0, 2.0, 3.0))
+    network.add(fga.GnssVector("P0", "Q", (1.0, 2.0, 3.0), sigma=(0.01,) * 3))
+    fga.write_project(network, tmp_path / "project.toml")
+    options = ["--use", "check", "--covariance", "hirvonen:0.01,300", "--noise", "0.005"]
+    assert main(["collocate", str(tmp_path), *options]) in (0, 1)
+    said = capsys.readouterr().out
+    assert said.count("hirvonen, σ 0.01, L 300 m, stated") == 2
 
 
 @pytest.mark.parametrize(
