@@ -12,19 +12,25 @@ affinity b1 and shear b2, bilinear terms h1, h2 and the vanishing line g1, g2. W
 free makes the transformation conformal, affine, bilinear or projective, see `TRANSFORMATIONS`.
 They map the film to the measured coordinates, so that residuals are those of what was measured, in
 its units. (FRAMES F15.3.)
+
+Before that, a table of a calibration certificate displaces the ideal coordinates, see
+`distortion_table`: q = a + d(a).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from ..errors import InputError, known
+from ..errors import InputError, Problem, known
 from ..frames import Frame, LocalFrame
 from ..types import Array, Mask
 from .base import Linearised, require
+from .distortion_table import DistortionTable
 from .lens import Lens, LensPartials, Pair
 from .rolling_shutter import Readout
 
@@ -71,10 +77,120 @@ class FilmLens(Lens):
     """Length of an image unit on the film, in the unit of coordinates of marks: 0.015 for pixels of
     15 µm and marks in millimetres; 1 where a comparator measures in the unit of the marks."""
 
+    radii: tuple[float, ...] = ()
+    """Measured distances from the principal point, film units, at which a certificate states the
+    distortion of the lens; none: it has no table."""
+    radial: tuple[tuple[float, ...], ...] = ()
+    """Radial distortion at the radii, film units, outwards: a row for all directions, or one for
+    each of ``directions``."""
+    tangential: tuple[tuple[float, ...], ...] = ()
+    """Tangential distortion at the radii, film units, anticlockwise: likewise; none: zero."""
+    directions: tuple[float, ...] = ()
+    """Directions of the rows of a table, anticlockwise from x, radians, increasing: of the four
+    half diagonals π/4, 3π/4 …; none: the table has one row for all of them."""
+    between: str = "spline"
+    """How the table goes on between its radii: by a natural cubic ``spline``, or ``linear``."""
+
     def __post_init__(self) -> None:
-        """Check the option."""
+        """Check the options."""
+        problems = []
         if not self.pixel > 0:
-            raise InputError(f"pixel must be a length greater than zero, not {self.pixel}")
+            problems.append(f"pixel must be a length greater than zero, not {self.pixel}")
+        if self.between not in ("spline", "linear"):
+            problems.append(f"between must be spline or linear, not {self.between!r}")
+        n, rows = len(self.radii), len(self.directions) or 1
+        increasing = np.diff([0.0, *self.radii]) > 0
+        if n and not (increasing[1:].all() and self.radii[0] >= 0 and self.radii[-1] > 0):
+            problems.append("radii must be distances that increase")
+        for name, table in (("radial", self.radial), ("tangential", self.tangential)):
+            if {len(row) for row in table} - {n} or (table and len(table) != rows):
+                what = f"{rows} row{'s' * (rows > 1)}, one for each direction, of {n} values"
+                problems.append(f"{name} must have {what}, one for each of the radii")
+            if n and self.radii[0] == 0.0 and any(row[:1] != (0.0,) for row in table):
+                problems.append(f"{name} must be zero at the principal point")
+        if n and not self.radial and not self.tangential:
+            problems.append("radii are those of a table: radial or tangential must be stated")
+        if np.any(np.diff(self.directions) <= 0) or np.ptp([0.0, *self.directions]) >= 2 * np.pi:
+            problems.append("directions must increase, radians, by less than a full circle")
+        if problems:
+            raise InputError([Problem(what) for what in problems])
+
+    @classmethod
+    def of_angles(
+        cls,
+        c: float,
+        angles: Sequence[float],
+        radial: Sequence[Sequence[float]],
+        *,
+        pixel: float = 1.0,
+        tangential: Sequence[Sequence[float]] = (),
+        directions: Sequence[float] = (),
+        between: str = "spline",
+    ) -> FilmLens:
+        """Return the lens of a certificate that states distortions by the angle from the axis.
+
+        Args:
+            c: principal distance to which the distortions belong, film units.
+            angles: angles α of the rays from the axis, radians, increasing.
+            radial: radial distortions r − c tan α, film units: a row for all directions, or one for
+                each.
+            pixel: length of an image unit on the film, film units.
+            tangential: tangential distortions, likewise.
+            directions: directions of the rows, anticlockwise from x, radians.
+            between: how the table goes on between the angles.
+        """
+        mean = np.mean(np.atleast_2d(np.array(radial, dtype=float)), axis=0) if radial else 0.0
+        radii = c * np.tan(np.array(angles, dtype=float)) + mean
+        tables = [tuple(tuple(map(float, row)) for row in t) for t in (radial, tangential)]
+        at = tuple(radii.tolist())
+        return cls(pixel, at, tables[0], tables[1], tuple(map(float, directions)), between)
+
+    def plus(self, radii: Sequence[float], radial: Sequence[float]) -> FilmLens:
+        """Return the lens with another radial table on top: of a boundary layer, of refraction.
+
+        Both are taken at the radii of both, this lens's as it goes on between them.
+
+        Args:
+            radii: measured distances from the principal point, film units, increasing.
+            radial: displacements outwards, film units.
+        """
+        at = np.union1d(self.radii, radii)
+        more = np.interp(at, [0.0, *radii], [0.0, *radial])
+        own = np.zeros((len(self.directions) or 1, 2, len(at)))
+        if self.table is not None:
+            for i in range(len(own)):
+                own[i] = self.table.along(np.full(len(at), i), at - self._mean_at(at))[0]
+        rows = [tuple(map(tuple, part.tolist())) for part in (own[:, 0] + more, own[:, 1])]
+        return replace(
+            self,
+            radii=tuple(at.tolist()),
+            radial=rows[0],
+            tangential=rows[1] if self.tangential else (),
+        )
+
+    def _mean_at(self, radii: Array) -> Array:
+        """Return the mean radial distortion over the directions at measured radii, (n,)."""
+        mean = np.mean(self.radial, axis=0) if self.radial else np.zeros(len(self.radii))
+        return np.interp(radii, self.radii, mean) if len(self.radii) else np.zeros(len(radii))
+
+    @cached_property
+    def table(self) -> DistortionTable | None:
+        """The table as a function of ideal places; none: the lens has no distortion.
+
+        A measured radius r is the ideal one ρ and the distortion, mean of all directions: over the
+        distortion of one direction it changes by less than 10⁻³ of itself.
+        """
+        if not self.radii:
+            return None
+        radii = np.array(self.radii)
+        rows, n = len(self.directions) or 1, len(radii)
+        values = np.zeros((rows, 2, n))
+        for part, table in enumerate((self.radial, self.tangential)):
+            if table:
+                values[:, part] = table
+        directions = np.array(self.directions or (0.0,))
+        ideal = radii - self._mean_at(radii)
+        return DistortionTable.of(ideal, values, directions, spline=self.between == "spline")
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -86,11 +202,19 @@ class FilmLens(Lens):
     ) -> LensPartials:
         """Return v and its partials, see `Lens.partials`."""
         c = k[:, 0]
-        place, by_q, by_k = self.scanned(c * tx, c * ty, k)
+        qx, qy = c * tx, c * ty
+        if self.table is not None:
+            dx, dy, d = self.table.displacements(self.pixel * qx, self.pixel * qy)
+            qx, qy = qx + dx / self.pixel, qy + dy / self.pixel
+        place, by_q, by_k = self.scanned(qx, qy, k)
         v = place[0] - x, place[1] - y
         if not jacobians:
             return LensPartials(v, (), ())
         (xx, yx), (xy, yy) = by_q
+        if self.table is not None:
+            dxx, dxy, dyx, dyy = d
+            xx, xy = xx * (1.0 + dxx) + xy * dyx, xx * dxy + xy * (1.0 + dyy)
+            yx, yy = yx * (1.0 + dxx) + yy * dyx, yx * dxy + yy * (1.0 + dyy)
         by_c = xx * tx + xy * ty, yx * tx + yy * ty
         return LensPartials(v, ((c * xx, c * yx), (c * xy, c * yy)), (by_c, *by_k))
 

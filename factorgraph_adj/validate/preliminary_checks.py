@@ -17,6 +17,7 @@ from .stated_values import (
     differing_heights,
     exchanged_heights,
     intervals_without_readout,
+    places_beyond_tables,
 )
 from .traverse_misclosures import open_traverses
 from .undetermined_points import weakly_determined_points
@@ -63,8 +64,9 @@ def preliminary(network: Network, *, length: str = "m", angle: str = "gon") -> t
     lines between given points; places in frames of their own, and loops of such
     frames; distances measured several times, height differences forth and back; readings that are
     there twice; angles beyond the circle, and zenith angles that are level in another unit; heights
-    of instruments within a set-up; intervals of motions without a readout time; stated heights of
-    surfaces, points behind cameras, units, signs, frames, axes and rotations against given
+    of instruments within a set-up; intervals of motions without a readout time; image points beyond
+    the table of distortions of their lens; stated heights of surfaces, points behind cameras,
+    units, signs, frames, axes and rotations against given
     coordinates; points that these leave undetermined, or at either of two places. Nothing is
     changed.
 
@@ -92,6 +94,7 @@ def preliminary(network: Network, *, length: str = "m", angle: str = "gon") -> t
         *differing_repetitions(network),
         *(() if turned else differing_heights(network)),
         *intervals_without_readout(network),
+        *places_beyond_tables(equations),
         *open_loops(equations),
         *(() if compared else lines_between_given(equations)),
         *open_traverses(network),

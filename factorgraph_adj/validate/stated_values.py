@@ -6,7 +6,8 @@ A reading whose residual at the stated values is v, with the partial J by the he
 puts the surface −v/J higher. The median over its points is compared with the standard deviation of
 the stated height, and with how well the points agree with one another.
 
-Intervals of motions in seconds are wrong where 1 s stands for an unknown readout time.
+Intervals of motions in seconds are wrong where 1 s stands for an unknown readout time. A table of
+distortions says nothing beyond its last radius.
 
 Lengths of levelled lines may contradict the places of their ends: metres for kilometres. Where the
 places of the ends are not known, other lines bound their distance: the ends of a line lie no
@@ -27,6 +28,8 @@ from ..errors import InputError, known
 from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..graph.variables import State
+from ..models.film_lens import FilmLens
+from ..models.inverse_lens import tangents
 from ..models.rolling_shutter import UNKNOWN_READOUT
 from ..models.unknown import UnknownKind
 from ..models.unknown_registry import UNKNOWNS
@@ -330,3 +333,28 @@ def intervals_without_readout(network: Network) -> Iterator[Finding]:
                 "state the true readout time if the intervals are in seconds",
                 ids=tuple(ids),
             )
+
+
+def places_beyond_tables(equations: Equations) -> Iterator[Finding]:
+    """Yield cameras with image points beyond the last radius of the table of their lens."""
+    calibrations = equations.unknowns["calibration"].values
+    for block in equations.blocks:
+        lens = block.lens
+        if not isinstance(lens, FilmLens) or not lens.radii:
+            continue
+        number = block.variables[1][1]
+        k = calibrations[number, : len(lens.names)]
+        at = tangents(lens, block.observed, k) * k[:, :1]
+        beyond = np.flatnonzero(lens.pixel * np.linalg.norm(at, axis=1) > lens.radii[-1])
+        if len(beyond):
+            yield Finding(
+                f"the table of distortions ends at {lens.radii[-1]:g}, and {len(beyond)} image "
+                f"points lie beyond it, first {block.labels(int(beyond[0]))}: the distortion of "
+                "the last radius counts for them",
+                "state the table to the corners of the image",
+                ids=tuple(str(block.ids[i]) for i in beyond[:MOST_NAMED].tolist()),
+            )
+
+
+MOST_NAMED = 20
+"""Largest number of image points beyond a table that a finding names."""

@@ -707,6 +707,14 @@ _HARMONIC = dict(
 FILM = _INTERIOR | {"m": 2e-3, "r": 0.2} | _AFFINITY
 FILM |= {"h1": 1e-4, "h2": -2e-4, "g1": 3e-4, "g2": -1e-4}
 """Interior orientation of a photo on film."""
+TABLE = FilmLens(
+    0.5,
+    (1.5, 4.0, 7.0, 18.0),
+    ((0.02, 0.05, -0.03, -0.1), (0.03, 0.04, -0.05, -0.2), (0.0, 0.01, -0.02, -0.3)),
+    ((0.01, -0.02, 0.03, 0.05),) * 2 + ((0.0, 0.03, 0.03, -0.05),),
+    (0.4, 2.1, 4.5),
+)
+"""A lens with distortions along three directions, radial and tangential."""
 
 
 def _orthogonal(model: OrthogonalLens, largest: float) -> Calibrated:
@@ -781,6 +789,7 @@ LENSES_USED: dict[str, Calibrated] = {
     "equirectangular": Calibrated(ray_lens.EquirectangularLens(), _INTERIOR),
     "parallel": Calibrated(place_lens.ParallelLens(), _INTERIOR | _BROWN | _AFFINITY | {"c": 3.0}),
     "film": Calibrated(FilmLens(), FILM),
+    "film, table": Calibrated(TABLE, FILM),
 }
 """Lens models, image units mm."""
 CENTRAL = [name for name, used in LENSES_USED.items() if used.lens.takes != "places"]

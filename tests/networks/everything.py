@@ -15,6 +15,15 @@ from factorgraph_adj.network.network import Network
 from factorgraph_adj.stochastic_model import StandardDeviation
 from tests.networks.every_kind import add_examples
 
+TABLE = {
+    "pixel": 0.015,
+    "radii": (0.0, 10.0, 20.0 + 1 / 3),
+    "radial": ((0.0, 1e-3 / 3, -2e-3),) * 2,
+    "tangential": ((0.0, 1e-3, 2e-3), (0.0, -1e-3 / 3, 0.0)),
+    "directions": (1 / 3, 2.0),
+    "between": "linear",
+}
+"""Options of a lens with a table of distortions."""
 FRAMES = {
     "topocentric": TopocentricFrame(0.83, 0.2, 432.1, "Bessel1841", 6_400_000.0),
     "geocentric": GeocentricFrame("WGS84"),
@@ -38,7 +47,7 @@ def everything(frame_name: str) -> Network:
         options |= {"zero_radius": 17.7} if model is lens.BalancedLens else {}
         options |= {"affine": "after"} if model is lens.BrownLens else {}
         options |= {"image_base": 92.3} if issubclass(model, OrthogonalLens) else {}
-        options |= {"pixel": 0.015} if model is FilmLens else {}
+        options |= TABLE if model is FilmLens else {}
         n.add_camera(
             f"camera {i}",
             model(**options),
