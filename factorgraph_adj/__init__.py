@@ -73,6 +73,7 @@ if _TYPE_CHECKING:
     from .io.photogrammetry.opensfm import read_opensfm
     from .io.photogrammetry.opf import read_opf
     from .io.photogrammetry.opf_writer import write_opf
+    from .io.photogrammetry.rpc import add_rpc_image, read_rpc
     from .io.project import read_project
     from .io.project_writer import write_project
     from .io.readers import read, register_reader
@@ -233,28 +234,29 @@ __all__ = [
     "RightAngle", "SevenParameters", "SightOffset", "SightPlaneOffset", "SlopeDistance", "Solution",
     "StandardDeviation", "StarNetOptions", "StripCoordinate", "TopocentricFrame", "UnitVector",
     "UnknownKind", "VerticalAngle", "WireReading", "WireReadingOnBody", "ZenithAngle",
-    "__version__", "adjust", "adjust_parts", "adjusted_lines", "as_models", "block_motion",
-    "build_graph", "causes", "check_points", "collocate", "congruence", "corrected_bundle",
-    "covariance_array", "determined_part", "direction_test", "distance_meter_test",
-    "distance_precision", "dlt", "empirical_covariance", "error_ellipse", "error_ellipsoid",
-    "estimate_covariance", "estimate_variance_components", "exclude_insignificant", "fetch_example",
-    "find_sparable", "fit_variogram", "from_grid", "grid_coordinates", "grid_photos",
-    "image_corrections", "join", "level_test", "load_solution", "measure", "memory_needed",
-    "orient", "plan", "plot_network", "point_corrections", "positional_accuracy", "precision_map",
-    "predict", "preliminary", "propose", "read", "read_aicon", "read_bal", "read_bundler",
-    "read_colmap", "read_columns", "read_comp3d", "read_dbat", "read_dynadjust", "read_dynaml",
-    "read_gama", "read_gama_g3", "read_gsi", "read_gvx", "read_jag3d", "read_jobxml",
-    "read_landxml", "read_lgc2", "read_metashape", "read_micmac", "read_mmvii", "read_opencv",
-    "read_openmvg", "read_opensfm", "read_opf", "read_project", "read_sdr33", "read_sinex",
-    "read_star_net", "read_star_net_project", "reduce_faces", "register_lens",
-    "register_observation", "register_reader", "register_unknown", "relative_model", "reliability",
-    "results_schema", "robust_adjust", "s_transform", "signal_test", "significance", "snoop",
-    "solution_budget", "text_report", "to_xarray", "uncertainty_budget", "vectors_in_own_datum",
-    "wgs84_coordinates", "with_signals", "without", "write", "write_colmap", "write_dxf",
-    "write_dynaml", "write_geojson", "write_geopackage", "write_gvx", "write_jag3d", "write_kml",
-    "write_landxml", "write_metashape", "write_opencv", "write_opf", "write_ply",
-    "write_precision_map", "write_project", "write_report", "write_results", "write_sinex",
-    "write_star_net", "zenith_test",
+    "__version__", "add_rpc_image", "adjust", "adjust_parts", "adjusted_lines", "as_models",
+    "block_motion", "build_graph", "causes", "check_points", "collocate", "congruence",
+    "corrected_bundle", "covariance_array", "determined_part", "direction_test",
+    "distance_meter_test", "distance_precision", "dlt", "empirical_covariance", "error_ellipse",
+    "error_ellipsoid", "estimate_covariance", "estimate_variance_components",
+    "exclude_insignificant", "fetch_example", "find_sparable", "fit_variogram", "from_grid",
+    "grid_coordinates", "grid_photos", "image_corrections", "join", "level_test", "load_solution",
+    "measure", "memory_needed", "orient", "plan", "plot_network", "point_corrections",
+    "positional_accuracy", "precision_map", "predict", "preliminary", "propose", "read",
+    "read_aicon", "read_bal", "read_bundler", "read_colmap", "read_columns", "read_comp3d",
+    "read_dbat", "read_dynadjust", "read_dynaml", "read_gama", "read_gama_g3", "read_gsi",
+    "read_gvx", "read_jag3d", "read_jobxml", "read_landxml", "read_lgc2", "read_metashape",
+    "read_micmac", "read_mmvii", "read_opencv", "read_openmvg", "read_opensfm", "read_opf",
+    "read_project", "read_rpc", "read_sdr33", "read_sinex", "read_star_net",
+    "read_star_net_project", "reduce_faces", "register_lens", "register_observation",
+    "register_reader", "register_unknown", "relative_model", "reliability", "results_schema",
+    "robust_adjust", "s_transform", "signal_test", "significance", "snoop", "solution_budget",
+    "text_report", "to_xarray", "uncertainty_budget", "vectors_in_own_datum", "wgs84_coordinates",
+    "with_signals", "without", "write", "write_colmap", "write_dxf", "write_dynaml",
+    "write_geojson", "write_geopackage", "write_gvx", "write_jag3d", "write_kml", "write_landxml",
+    "write_metashape", "write_opencv", "write_opf", "write_ply", "write_precision_map",
+    "write_project", "write_report", "write_results", "write_sinex", "write_star_net",
+    "zenith_test",
 ]
 # fmt: on
 
@@ -307,6 +309,7 @@ _NAMES = {
     "io.photogrammetry.opensfm": "read_opensfm",
     "io.photogrammetry.opf": "read_opf",
     "io.photogrammetry.opf_writer": "write_opf",
+    "io.photogrammetry.rpc": "add_rpc_image read_rpc",
     "io.project": "read_project",
     "io.project_writer": "write_project",
     "io.readers": "read register_reader",

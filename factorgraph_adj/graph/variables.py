@@ -23,6 +23,7 @@ import numpy as np
 from ..entities import Camera, Key, Parameter, parameter_name
 from ..errors import AdjustmentError
 from ..models.base import DegenerateError
+from ..models.inverse_lens import rough_rays
 from ..models.unknown_registry import ROTATION, UNKNOWNS, UnknownKind, VariableKind
 from ..network.network import Network
 from ..types import Array, Index, Mask
@@ -59,10 +60,10 @@ def calibration_scales(camera: Camera) -> Array:
     if corners is None:
         corners = middle - HALF_FORMAT * c, middle + HALF_FORMAT * c
     x, y = (a.ravel() for a in np.meshgrid(*np.linspace(*corners, RASTER_POINTS).T))
-    ray = (x - middle[0]) / c, -(y - middle[1]) / c, np.ones(len(x))
     radius = float(np.hypot(x - middle[0], y - middle[1]).max())
     try:
         with np.errstate(all="ignore"):
+            ray = rough_rays(camera.lens, np.stack([x, y], axis=1), k[None], middle, c)
             by_k = camera.lens.seen(ray, x, y, k[None]).by_k
             largest = [float(np.hypot(*np.broadcast_arrays(*pair)).max()) for pair in by_k]
     except (AdjustmentError, DegenerateError):

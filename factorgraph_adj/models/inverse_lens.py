@@ -6,7 +6,7 @@ import numpy as np
 
 from ..types import Array
 from .base import DegenerateError
-from .lens import Lens
+from .lens import Lens, Ray
 from .place_lens import PlaceLens
 from .ray_lens import RayLens
 
@@ -97,6 +97,23 @@ def sight_lines(lens: Lens, xy: Array, calibration: Array) -> tuple[Array, Array
         return lens.lines(xy, calibration)
     d = directions(lens, xy, calibration)
     return np.zeros_like(d), d
+
+
+def rough_rays(lens: Lens, xy: Array, calibration: Array, middle: Array, c: float) -> Ray:
+    """Return rays of image coordinates without distortion, and places of models of places.
+
+    Args:
+        lens: the lens model.
+        xy: image coordinates, (n, 2).
+        calibration: its parameters, (1, k).
+        middle: principal point, (2,).
+        c: principal distance.
+    """
+    if isinstance(lens, PlaceLens):
+        x, y, z = lens.places(xy, calibration).T
+        return x, y, z
+    x, y = ((xy - middle) / c).T
+    return x, -y, np.ones(len(x))
 
 
 def _ahead(t: Array) -> Array:

@@ -23,6 +23,7 @@ from .normalised_lens import (
 from .orthogonal_lens import EbnerLens, GruenLens
 from .place_lens import ParallelLens
 from .ray_lens import DivisionLens, EquirectangularLens, FisheyeLens, FovLens, UnifiedLens
+from .rpc_lens import RpcLens
 
 LENSES: dict[str, type[Lens]] = {}
 """Registered lens models by name."""
@@ -79,5 +80,6 @@ for _lens in (
     GridLens,
     ParallelLens,
     FilmLens,
+    RpcLens,
 ):
     register_lens(_lens)

@@ -34,6 +34,10 @@ class PlaceLens(Lens):
 
     takes: ClassVar[Literal["tangents", "rays", "places"]] = "places"
 
+    def places(self, xy: Array, calibration: Array) -> Array:
+        """Return a place of each measured point, (n, 3) metres, arguments as `lines`."""
+        raise NotImplementedError
+
     def lines(self, xy: Array, calibration: Array) -> tuple[Array, Array]:
         """Return the lines on which the places of measured coordinates lie.
 
@@ -72,11 +76,16 @@ class ParallelLens(PlaceLens, BrownLens):
         (xx, yx), (xy, yy) = ((zero + a, zero + b) for a, b in by_t)
         return Seen(v, ((xx, yx), (-xy, -yy), (zero, zero)), by_k)
 
-    def lines(self, xy: Array, calibration: Array) -> tuple[Array, Array]:
-        """Return lines parallel to the axis, see `PlaceLens.lines`."""
+    def places(self, xy: Array, calibration: Array) -> Array:
+        """Return the places with p_z = 0, see `PlaceLens.places`."""
         still = np.zeros(len(xy))
         v, _, _ = self.residual(still, still, xy, calibration, jacobians=False)
         t = -v / calibration[:, :1]
-        away = AHEAD * float(np.abs(t).max(initial=0.0)) or 1.0
-        start = np.stack([t[:, 0], -t[:, 1], np.full(len(t), -away)], axis=1)
-        return start, np.broadcast_to([0.0, 0.0, 1.0], start.shape)
+        return np.stack([t[:, 0], -t[:, 1], still], axis=1)
+
+    def lines(self, xy: Array, calibration: Array) -> tuple[Array, Array]:
+        """Return lines parallel to the axis, see `PlaceLens.lines`."""
+        at = self.places(xy, calibration)
+        axis = np.array([0.0, 0.0, 1.0])
+        away = AHEAD * float(np.abs(at).max(initial=0.0)) or 1.0
+        return at - away * axis, np.broadcast_to(axis, at.shape)

@@ -231,6 +231,12 @@ def checked_photo(
         rotation = _checked_rotation(np.asarray(rotation, dtype=float), where)
     held = (bool(fixed),) * 6 if isinstance(fixed, bool) else tuple(map(bool, fixed))
     if isinstance(lens, PlaceLens):
+        try:
+            pose = lens.stated_pose(frame)
+        except InputError as error:
+            raise InputError(Problem(str(error), where)) from error
+        if pose is not None:
+            return Photo(name, camera, tuple(pose[0].tolist()), pose[1], (True,) * 6)
         if at is None or rotation is None:
             what = (
                 f"lens model {lens.kind!r} has no rays, by which a resection could find a photo: "

@@ -287,8 +287,9 @@ class Network(StatedUnknowns, Shown):
             frame=self.frame,
         )
         self.photo_number[name] = len(self.photo_number)
-        if fixed is False and any(self.photos[name].fixed):
-            axis = "xyz"[self.photos[name].fixed.index(True) - 3]
+        held = self.photos[name].fixed
+        if fixed is False and any(held) and not all(held):
+            axis = "xyz"[held.index(True) - 3]
             what = (
                 f"camera {camera!r} has no projection centre: {axis} of its photos is held, which "
                 "no image point tells"

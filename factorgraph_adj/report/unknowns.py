@@ -14,6 +14,7 @@ from typing import Any, Literal, TypeAlias
 from ..columns import Columns
 from ..entities import Camera, Parameter, parameter_name
 from ..graph.variables import camera_of_calibration
+from ..models.lens import Lens
 from ..models.unknown_registry import UNKNOWNS, Quantity, VariableKind, parameter_kinds
 from ..quality.derived_quantities import place_of_frame
 from ..quality.parameter_significance import TestedParameter
@@ -302,12 +303,14 @@ def calibration_table(report: Report, name: str) -> Table[UnknownComponent]:
     return Table("calibration", calibration_components(report, name), columns)
 
 
-def without_absent(made: Table[UnknownComponent]) -> Table[UnknownComponent]:
-    """Return a calibration without the distortions that are held at zero."""
+def without_absent(made: Table[UnknownComponent], lens: Lens) -> Table[UnknownComponent]:
+    """Return a calibration without distortions held at zero, and held ones as they were given."""
     rows = [
         u
         for i, u in enumerate(made.rows)
-        if i < NUMBER_OF_INTERIOR_ORIENTATION or not u.held or u.value != 0
+        if not u.held
+        or i < NUMBER_OF_INTERIOR_ORIENTATION
+        or (u.value != 0 and u.component not in lens.given)
     ]
     return replace(made, rows=rows)
 
@@ -336,7 +339,7 @@ def _calibration(report: Report, name: str) -> list[str]:
         if abs(estimate.correlation[i, j]) >= STRONG_CORRELATION
     ]
     out = title(f"Calibration of {name} (lens model {camera.lens.kind}; image unit {camera.unit})")
-    shown = as_text(without_absent(calibration_table(report, name)))
+    shown = as_text(without_absent(calibration_table(report, name), camera.lens))
     out += shown
     if len(free) > 1:
         out.append(f"  correlations from {STRONG_CORRELATION}: {', '.join(strong) or 'none'}")

@@ -20,6 +20,7 @@ import factorgraph_adj as fga
 from factorgraph_adj import observations as o
 from factorgraph_adj.models.film_lens import TRANSFORMATIONS, FilmLens
 from factorgraph_adj.models.lens import BrownLens
+from factorgraph_adj.models.rpc_lens import BIAS
 from factorgraph_adj.models.shapes import SHAPES
 from factorgraph_adj.models.unknown_registry import VariableKind
 from factorgraph_adj.rotation import TURN_ABOUT_X, exp_rotation
@@ -34,6 +35,7 @@ from tests.networks.odometry import odometry
 from tests.networks.random_more import MARKS
 from tests.networks.rigs import rig
 from tests.networks.rolling_drone import INTERVAL, flown
+from tests.networks.satellites import satellites
 from tests.networks.small_block import CENTRES, FOCAL, SIGMA_MM, box
 from tests.networks.small_block import plan as mixed
 from tests.networks.small_flight import EVERY, OFFSETS, TILTED, TURNS, Plan, plan_of
@@ -491,6 +493,7 @@ NETWORKS: dict[str, Callable[[], fga.Network]] = {
     **dict.fromkeys(("photo_shift", "photo_turn"), moving_photos),
     "correlated": correlated_directions,
     "image, parallel projection": microscope,
+    "image, rational polynomials": lambda: satellites(free=BIAS, placed=True)[0],
     "mixed": mixed,
 }
 """A network for each kind of observation, one with correlated groups, and a mixed one."""

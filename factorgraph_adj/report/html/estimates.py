@@ -170,7 +170,8 @@ def _calibration(report: Report, t: Texts, number: int, name: str) -> Calibratio
         level = percent(1 - found.alpha)
         note = t("calibration_note", critical=f"{found.critical:.2f}", level=level)
     caption = t("calibration_caption", name=name, lens=camera.lens.kind, unit=camera.unit)
-    made = replace(without_absent(calibration_table(report, name)), name=f"calibration-{number}")
+    listed = without_absent(calibration_table(report, name), camera.lens)
+    made = replace(listed, name=f"calibration-{number}")
     sheet = as_html(made, t, caption=caption, notes=[note])
     assert sheet is not None, "a calibration has parameters"
     return CalibrationSheet(
