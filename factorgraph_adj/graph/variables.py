@@ -55,10 +55,8 @@ def calibration_scales(camera: Camera) -> Array:
     k = np.array(camera.values, dtype=float)
     named = dict(zip(camera.lens.names, k.tolist(), strict=True))
     c = abs(named.get("c", 1.0)) or 1.0
-    corners = camera.corners()
     middle = np.array([named.get("x0", 0.0), named.get("y0", 0.0)])
-    if corners is None:
-        corners = middle - HALF_FORMAT * c, middle + HALF_FORMAT * c
+    corners = camera.corners() or (middle - HALF_FORMAT * c, middle + HALF_FORMAT * c)
     x, y = (a.ravel() for a in np.meshgrid(*np.linspace(*corners, RASTER_POINTS).T))
     radius = float(np.hypot(x - middle[0], y - middle[1]).max())
     try:
