@@ -228,6 +228,13 @@ def of_mounts(motions: Motions, values: Array, at: Index) -> Array:
     return out
 
 
+def of_ports(motions: Motions, values: Array, at: Index) -> Array:
+    """Return the motions of flat ports: their distances and thicknesses scale with the object."""
+    out = np.zeros((len(values), 5, 7))
+    out[:, 2:4, 6] = values[:, 2:4] / motions.size
+    return out
+
+
 def of_drifts(motions: Motions, values: Array, at: Index) -> Array:
     """Return the motions of drifts: where positions are observed, a shift of the object is theirs.
 

@@ -28,10 +28,10 @@ from .construction import (
     refuse_wrong_parts,
     required,
 )
-from .photo_motions import PhotoMotions
+from .refracted_images import RefractedImages
 
 
-class StatedUnknowns(StatedShapes, PhotoMotions, Arcs):
+class StatedUnknowns(StatedShapes, RefractedImages, Arcs):
     """Part of a network: its unknowns besides points, photos and cameras, by kind and name."""
 
     points: dict[str, Point]

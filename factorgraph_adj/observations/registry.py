@@ -50,6 +50,7 @@ Quantity: TypeAlias = Literal[
     "attitude of a photo",
     "point of a line in a photo",
     "mark of a film",
+    "image of a point through an interface",
     "distance of photos",
     "relative rotation",
     "relative position",
@@ -109,6 +110,7 @@ _READ_BY_QUANTITY: dict[str, tuple[str, ...]] = {
     "attitude of a photo": ("photo", "mount", "object_R_body"),
     "point of a line in a photo": ("photo", "line", "x", "y"),
     "mark of a film": ("photo", "value", "film_x", "film_y"),
+    "image of a point through an interface": ("photo", "point", "value"),
     "distance of photos": ("photo", "photo2"),
     "relative position": ("photo", "photo2", "mount", "instrument"),
 }

@@ -316,8 +316,9 @@ def _observed_truly(equations: Equations, block: Block, state: State) -> Block:
     the slope of the distortion leaves a small v, and the addition is repeated.
     """
     frame = equations.network.frame
-    c = float(state["calibration"][:, 0].max()) if block.image else 1.0
-    for _ in range(MOST_ROUNDS if block.image else 1):
+    imaged = block.unit == "image"
+    c = float(state["calibration"][:, 0].max()) if imaged else 1.0
+    for _ in range(MOST_ROUNDS if imaged else 1):
         v = block.evaluate(frame, state, jacobians=False).residual
         block = replace(block, observed=block.moved(v))
         if np.abs(v).max() < NEGLIGIBLE * c:

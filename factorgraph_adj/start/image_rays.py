@@ -11,8 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..models.inverse_lens import sight_lines
+from ..models.lens import Lens
+from ..models.refracted_rays import rays_behind_port
+from ..observations.refracted_images import THROUGH_INTERFACE
 from ..types import Array, Index, Mask
 from .intersection import MIN_COMPARED_MISFIT
 from .search_state import SearchState
@@ -41,27 +45,47 @@ class ImageRays:
 
 
 def read_rays(equations: Equations) -> ImageRays:
-    """Turn the image coordinates of a network into rays."""
+    """Turn the image coordinates of a network into rays.
+
+    Rays through a surface of the object are taken as straight: the points then are where they seem
+    to be, the bottom of a lake at three quarters of its depth. Rays through the port of a camera
+    are those beyond it.
+    """
     photos, points = [np.zeros(0, np.intp)], [np.zeros(0, np.intp)]
     starts, found = [np.zeros((0, 3))], [np.zeros((0, 3))]
-    values = equations.unknowns["calibration"].values
     for block in equations.blocks:
-        if block.lens is None:
+        lens = block.lens or _lens_beyond_interface(equations, block)
+        if lens is None:
             continue
-        k = len(block.lens.names)
-        number = block.variables[1][1]
+        k = len(lens.names)
+        values = equations.unknowns["calibration"].values
+        (_, photo), (_, number), (_, point), *others = block.arguments
         calibration = values[:, :k] if len(values) == 1 else values[number, :k]
-        photos.append(block.variables[0][1])
-        points.append(block.variables[2][1])
-        start, direction = sight_lines(block.lens, block.observed, calibration)
+        start, rays = sight_lines(lens, block.observed, calibration)
+        index = dict(others)
+        if "port" in index:
+            beyond = ("port", "refractive_index")
+            port, n = (equations.unknowns[kind].values[index[kind]] for kind in beyond)
+            start, rays = rays_behind_port(rays, port, n)
+        photos.append(photo)
+        points.append(point)
         starts.append(start)
-        found.append(direction)
+        found.append(rays)
     return ImageRays(
         np.concatenate(photos),
         np.concatenate(points),
         np.concatenate(found),
         np.concatenate(starts),
     )
+
+
+def _lens_beyond_interface(equations: Equations, block: Block) -> Lens | None:
+    """Return the lens of image points that are seen through an interface; None: others."""
+    if block.quantity != THROUGH_INTERFACE:
+        return None
+    network = equations.network
+    photo = equations.unknowns["pose"].names[block.arguments[0][1][0]]
+    return network.cameras[network.photos[photo].camera].lens
 
 
 def posed_photos(progress: SearchState) -> Mask:

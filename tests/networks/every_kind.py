@@ -29,6 +29,7 @@ from factorgraph_adj.models.normalised_lens import (
     RationalLens,
 )
 from factorgraph_adj.models.orthogonal_lens import EbnerLens, GruenLens, OrthogonalLens
+from factorgraph_adj.models.positions import heights
 from factorgraph_adj.models.rolling_shutter import Towards
 from factorgraph_adj.models.unknown_registry import UNKNOWNS
 from factorgraph_adj.network.network import Network
@@ -269,6 +270,24 @@ OBSERVED: dict[str, Callable[[], list[o.Observation]]] = {
     "image_line": lambda: [
         o.ImageLine("f", "edge", 5.0, 3.0, sigma=0.01),
         o.ImageLine("f", "edge", -2.0, 0.3, sigma=0.01),
+    ],
+    "image_through_level": lambda: [
+        o.ImageThroughLevel("f", "j", (0.0, 0.0), sigma=0.01, level="surface", medium="water"),
+        o.ImageThroughLevel(
+            *("g", "k", (0.0, 0.0)),
+            covariance=COVARIANCE[:2, :2],
+            level="surface",
+            medium="water",
+            geoid=3.0,
+        ),
+    ],
+    "image_through_plane": lambda: [
+        o.ImageThroughPlane("f", p, (0.0, 0.0), sigma=0.01, plane=f, medium="water")
+        for p, f in (("j", "body"), ("k", "tripod"), ("i", "slanted"))
+    ],
+    "image_through_port": lambda: [
+        o.ImageThroughPort("f", "j", (0.0, 0.0), sigma=0.01, port="window", medium="water"),
+        o.ImageThroughPort("g", "k", (0.0, 0.0), sigma=(1, 2), port="window", medium="glycerol"),
     ],
     "plane_offset": lambda: [o.PlaneOffset(f, "j", 0.0, sigma=0.01) for f in SORTS_OF_FRAMES],
     "plumb_offset": lambda: [
@@ -583,6 +602,8 @@ def flight_equations(frame_name: str, *, turned: float = 0.0) -> tuple[Equations
     network.add_photo("scan", "film", position=station, rotation=enu.T)
     add_profile(network)
     network.set_distance_meter("edm", scale=3e-5, zero=0.02, free=("scale", "zero"))
+    network.set_level("surface", float(heights(frame, station[None])[0][0]) + 100.0)
+    add_media(network)
     steps_of_examples = add_unknowns(network)
     for make in OBSERVED.values():
         # Lines in images have equations of their own, see `line_equations`.
@@ -596,7 +617,7 @@ def flight_equations(frame_name: str, *, turned: float = 0.0) -> tuple[Equations
     far = min(1.0, 0.01 * float(basis.cos_latitude[0]) * frame.radius)
     steps = {
         "point": (1.0,),
-        "pose": (1e-2,) * 3 + (min(0.4, far),) * 3,
+        "pose": (7e-3,) * 3 + (min(0.4, far),) * 3,
         "edm": (1e-3, 1e-2),
         "mount": (1e-2,) * 3 + (0.1,) * 3,
         "drift": (0.1,),
@@ -604,13 +625,28 @@ def flight_equations(frame_name: str, *, turned: float = 0.0) -> tuple[Equations
         "shutter": (1e-2,),
         "calibration": (1.0, 0.1, 0.1, *(1e-3,) * 4, *(1e-4,) * 4),
         "profile": (1.0, 1.0, 1.0, 1e-3),
+        "level": (1.0,),
+        **MEDIA_STEPS,
         **steps_of_examples,
     }
     return equations, _steps(equations, steps)
 
 
+MEDIA_STEPS = {
+    "refractive_index": (5e-3,),
+    "port": (1e-3, 1e-3, 1e-2, 1e-2, 5e-3),
+}
+"""Steps along what image rays pass."""
 A2 = (0.1, 0.05, 1.7)
 """ω, φ, κ of a second photo."""
+
+
+def add_media(network: Network) -> None:
+    """State the refractive indices and the port of `OBSERVED`, everything free."""
+    network.set_refractive_index("water", 1.34)
+    network.set_refractive_index("glycerol", 1.47)
+    free = UNKNOWNS["port"].names()
+    network.set_port("window", distance=3.0, thickness=2.0, slopes=(0.03, -0.02), free=free)
 
 
 def add_flight(network: Network) -> None:

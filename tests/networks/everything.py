@@ -106,6 +106,16 @@ def everything(frame_name: str) -> Network:
     n.set_gyro("gyro 1", sigma=1e-5, value=1 / 3e3)
     n.set_gyro("gyro 2")
     n.set_unknown("heading", "A", (1 / 3,), sigma=1e-3)
+    n.set_refractive_index("water, 1", 4 / 3.1, sigma=1e-3 / 3)
+    n.set_refractive_index("oil", fixed=True)
+    n.set_port(
+        *("port, 1",),
+        distance=0.1 / 3,
+        thickness=0.01,
+        slopes=(1e-3 / 3, -0.01),
+        free=["distance"],
+        sigma={"slope_x": 1e-3 / 7, "thickness": 1e-4},
+    )
     n.set_unknown("heading", "#C", (4.5,))
     per_part = StandardDeviation(0.002, ppm=2.0, centring_target=0.001)
     turned = StandardDeviation(1e-5, centring_instrument=0.001, centring_target=0.002)
@@ -241,6 +251,22 @@ def everything(frame_name: str) -> Network:
         o.FiducialMark("scan", "F 1", (1 / 3, 2), film_x=-113.0, film_y=1 / 3, sigma=(0.1, 0.2)),
         o.FiducialMark(
             "scan", "#2", (1 / 3, 2), film_x=0, film_y=7, covariance=np.diag([0.1, 0.2]) + 0.01
+        ),
+        o.ImageThroughLevel(
+            "f1", "B, 2", (1 / 3, -2.0), sigma=0.005, level="pond", medium="water, 1"
+        ),
+        o.ImageThroughLevel(
+            *("f2", "B, 2", (1 / 3, -2.0)),
+            covariance=np.array([[2e-6, 1e-7], [1e-7, 1e-6]]),
+            level="lake, 1",
+            medium="oil",
+            geoid=1 / 3,
+        ),
+        o.ImageThroughPlane(
+            "f1", "#C", (1 / 3, -2.0), sigma=(0.005, 0.1 / 3), plane="wall", medium="water, 1"
+        ),
+        o.ImageThroughPort(
+            "f2", "#C", (0.0, 1 / 3), sigma=0.1 / 3, port="port, 1", medium="water, 1", id="p"
         ),
     )
     n.add_image_points("f2", ['"D"', "A"], [[1.5, -2.25], [1 / 3, 7]], sigma=0.5)

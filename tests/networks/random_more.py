@@ -294,6 +294,16 @@ def _edges(m: More) -> None:
             n.add(o.ImageLine(f, "edge", *map(float, at), sigma=0.004))
 
 
+def _media(m: More) -> None:
+    """See some points through a port, and points of a tank through its plane wall."""
+    n, photos = m.network, list(m.network.photos)
+    n.set_refractive_index("water", 1.34, sigma=None if m.rng.random() < 0.3 else 1e-3)
+    n.set_port("port", distance=0.05, thickness=0.01, sigma={"distance": 1 * MM, "slope_x": 1e-3})
+    for p in m.points(3):
+        for f in photos:
+            n.add(o.ImageThroughPort(f, p, (0.0, 0.0), sigma=0.004, port="port", medium="water"))
+
+
 def _own_datum(m: More) -> None:
     """Measure vectors between points in a datum that is turned, and may have a scale."""
     turned = ["rx", "ry", "rz", *(["ln_scale"] if m.rng.random() < 0.5 else [])]
@@ -327,7 +337,7 @@ def _scan(m: More) -> None:
 
 MARKS = ((1, 1), (-1, 1), (-1, -1), (1, -1), (1, 0), (0, 1), (-1, 0), (0, -1))
 """Places of fiducial marks in the corners and in the middle of the sides."""
-OF_PHOTOS: tuple[Callable[[More], None], ...] = (_flight, _odometry, _edges, _scan)
+OF_PHOTOS: tuple[Callable[[More], None], ...] = (_flight, _odometry, _edges, _scan, _media)
 """Those that need photos."""
 ON_SITE: tuple[Callable[[More], None], ...] = (_flight, _offsets, _alignment, _edges)
 """Those with constant places, or that say little of photos that nothing else holds: they are in
@@ -346,5 +356,6 @@ FAMILIES: tuple[Callable[[More], None], ...] = (
     _edges,
     _own_datum,
     _scan,
+    _media,
 )
 """What may be added."""

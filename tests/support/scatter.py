@@ -226,6 +226,44 @@ def photos(*, positions: bool = False) -> Callable[[], fga.Network]:
     return make
 
 
+def water_tank() -> fga.Network:
+    """A box half under water, of unknown index and level, whose surface and wall photos see.
+
+    The level is tied to marks on the shore. The surface is the level for two photos, and for the
+    others a plane with the marks on it.
+    """
+    network = photos()()
+    under = [p.name for p in network.points.values() if p.coordinates[2] < WATER]
+    network.set_refractive_index("water", 1.34)
+    network.set_level("water", WATER)
+    network.add_shape("surface", "plane", values={"z": WATER}, origin=(0.0, 0.0, 0.0))
+    for i, (x, y) in enumerate(((-4.0, -3.0), (4.0, -3.0), (0.0, 4.0), (3.0, 3.5))):
+        network.add_point(f"shore {i}", (x, y, WATER))
+        network.add(o.LevelHeight(f"shore {i}", "water", sigma=1 * MM))
+        network.add(o.OnPlane("surface", f"shore {i}", sigma=1 * MM))
+        for photo in network.photos:
+            network.add(o.ImagePoint(photo, f"shore {i}", 0.0, 0.0, sigma=SIGMA_MM))
+    first, second, *others = network.photos
+    network.refract_images(medium="water", level="water", points=under, photos=(first, second))
+    network.refract_images(medium="water", plane="surface", points=under, photos=others)
+    return network
+
+
+def diving_camera() -> fga.Network:
+    """A camera with a flat port of unknown place under water, calibrated in air."""
+    network = photos()()
+    network.cameras["D3"] = replace(network.cameras["D3"], fixed=(True,) * 10)
+    free, sigma = ("slope_x", "slope_y", "distance"), {"thickness": 0.1 * MM}
+    network.set_port("dome", distance=0.12, thickness=0.02, free=free, sigma=sigma)
+    network.set_refractive_index("sea", 1.34, sigma=1e-3)
+    network.refract_images(medium="sea", port="dome")
+    return network
+
+
+WATER = 1.2
+"""Height of the water surface, metres."""
+
+
 def frames() -> fga.Network:
     """Three frames of a room, with a scale, levelled, and with its origin at a point."""
     return fga.adjust(three_frames()).as_network()
@@ -456,6 +494,8 @@ NETWORKS: dict[str, Callable[[], fga.Network]] = {
     **{f"on_{shape}": partial(on_shapes.plan, shape) for shape in SHAPES},
     **dict.fromkeys(RELATIONS, on_shapes.room),
     "image_line": edges,
+    **dict.fromkeys(("image_through_level", "image_through_plane"), water_tank),
+    "image_through_port": diving_camera,
     **dict.fromkeys(
         (
             *("plane_offset", "plumb_offset", "line_offset"),

@@ -32,6 +32,7 @@ from ...observations.ellipsoidal_observations import (
 from ...observations.offsets import HydrostaticReading
 from ...observations.photo_motions import PhotoShift
 from ...observations.positions import ControlPoint, GnssVector, PhotoPosition
+from ...observations.refracted_images import ImageThroughLevel
 from ...observations.relations import CoordinateDifference, PointDirection
 from ...observations.surface_heights import LevelHeight, ProfileHeight
 from ...observations.terrestrial_observations import (
@@ -340,8 +341,9 @@ def _(o: HeightDifference, c: Context, place: Moved, row: int) -> Converted:
     return [replace(o, value=o.value + more)], _same(o)
 
 
-@converted.register
-def _(o: LevelHeight, c: Context, place: Moved, row: int) -> Converted:
+@converted.register(LevelHeight)
+@converted.register(ImageThroughLevel)
+def _(o: Any, c: Context, place: Moved, row: int) -> Converted:
     """The water follows the geoid: its height stays one above it."""
     at = c.point(o.point, o.label())
     return [replace(o, geoid=o.geoid + float(c.points.undulation[at]))], _same(o)

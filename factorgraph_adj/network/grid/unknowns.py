@@ -352,6 +352,7 @@ CONVERSIONS: dict[str, Convert] = {
     "level": _kept,
     "profile": _kept,
     "gyro": _kept,
+    "port": _kept,
 }
 """How unknowns that move with the object are converted, by kind; those that are kept count from
 the vertical, from north, or along nothing. Heights of levels and profiles stay above the geoid,
