@@ -22,6 +22,7 @@ from .observation_fields import (
     ImageAxes,
     RecordContext,
     is_angle,
+    is_in_image,
     known_fields,
     placeholder_sigma,
     sigma_fields,
@@ -280,7 +281,7 @@ class _Covariances:
             return
         if any(f in record for f in sigma_fields(kind)):
             return
-        unit = "rad" if is_angle(kind) else "m"
+        unit = "image" if is_in_image(kind) else "rad" if is_angle(kind) else "m"
         for _, a, b, value in self.entries[cluster]:
             if a == b and a[0] == ident and value > 0:
                 axis = f"_{a[1]}" if a[1] else ""

@@ -22,8 +22,8 @@ solution, however grazing the ray is. Partials follow from implicit differentiat
 The level surface is curved as heights of the frame are. Its plane at the refraction point Q is
 found with Q; Q moves the normal by 1/R, which the partials have to the first order.
 
-A point on the camera's side of the surface has a height below zero: the equation continues
-smoothly there, so that iterations may pass, but it is no image of the point.
+A point on the camera's side of the last surface is seen straight, q = p: as a point that is above
+the water. At the surface both are the same, and only the partials change.
 
 (FRAMES F19.2. Agrawal et al. 2012, A theory of multi-layer flat refractive geometry, CVPR, has the
 layers; Glaeser & Schröcker 2000, Reflections on refractions, the refraction point; Murase et al.
@@ -39,7 +39,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..frames import Frame
-from ..types import Array
+from ..types import Array, Mask
 from .base import Linearised, require
 from .frame_axes import axis_of
 from .lens import Lens
@@ -53,10 +53,7 @@ SURFACE_ITERATIONS = 20
 """Largest number of planes of a curved surface; each has the square root of the error before."""
 SURFACE_TOLERANCE = 1e-11
 """Change of the refraction point, relative to the ray, at which the search for it ends."""
-NO_RAY = (
-    "no ray from the projection centre reaches the point through the surface: the point lies on "
-    "the side of the camera, at its height or above it"
-)
+NO_RAY = "the place where the ray to the point passes the surface was not found"
 ON_SURFACE = "the projection centre lies in the surface through which the point is seen"
 INDEX = "refractive indices and layers must be greater than zero, or the layer zero"
 
@@ -66,7 +63,7 @@ class RefractedRays:
     """Rays q to the first interface, ν + κ p⊥, and their partials."""
 
     q: Array
-    """q, whose component along ν is 1, (n, 3)."""
+    """q, whose component along ν is 1 if the ray is refracted, (n, 3)."""
     by_p: Array
     """∂q/∂p, (n, 3, 3)."""
     by_normal: Array
@@ -75,6 +72,8 @@ class RefractedRays:
     """∂q/∂h of all layers but the last, (n, 3, m − 1)."""
     by_indices: Array
     """∂q/∂n of all layers but the first, (n, 3, m − 1)."""
+    straight: Mask
+    """Whether the point is not in the last layer, and q is p, (n,)."""
 
 
 def refracted_rays(p: Array, normal: Array, layers: Array, indices: Array) -> RefractedRays:
@@ -87,7 +86,7 @@ def refracted_rays(p: Array, normal: Array, layers: Array, indices: Array) -> Re
         indices: refractive indices of all layers but the first, relative to it, (n, m − 1).
 
     Raises:
-        DegenerateError: layers or indices that are negative, or a point that no ray reaches.
+        DegenerateError: layers or indices that are negative, or an origin in the first surface.
     """
     along = np.einsum("ni,ni->n", normal, p)
     across = p - along[:, None] * normal
@@ -95,7 +94,8 @@ def refracted_rays(p: Array, normal: Array, layers: Array, indices: Array) -> Re
     h = np.concatenate([layers, along[:, None] - layers.sum(axis=1, keepdims=True)], axis=1)
     require((layers >= 0.0).all(axis=1) & (indices > 0.0).all(axis=1), INDEX)
     require(layers[:, 0] > 0.0, ON_SURFACE)
-    require(along > 0.0, NO_RAY)
+    straight = h[:, -1] < 0.0
+    h[straight, -1] = 0.0
     mu = np.concatenate([np.ones_like(along[:, None]), 1.0 / indices], axis=1)
     kappa = _solved(h, mu, rho)
     squared = rho * kappa**2
@@ -118,13 +118,13 @@ def refracted_rays(p: Array, normal: Array, layers: Array, indices: Array) -> Re
         - k[:, :, None] * normal[:, :, None] * across[:, None]
         + a * kappa_by_normal[:, None]
     )
-    return RefractedRays(
-        normal + k * across,
-        by_p,
-        by_normal,
-        a * (by_h[:, :-1] - last)[:, None],
-        a * (-(mu[:, 1:] ** 2) * by_mu[:, 1:])[:, None],
-    )
+    q = normal + k * across
+    by_layers = a * (by_h[:, :-1] - last)[:, None]
+    by_indices = a * (-(mu[:, 1:] ** 2) * by_mu[:, 1:])[:, None]
+    q[straight], by_p[straight] = p[straight], eye
+    for by in (by_normal, by_layers, by_indices):
+        by[straight] = 0.0
+    return RefractedRays(q, by_p, by_normal, by_layers, by_indices, straight)
 
 
 def _solved(h: Array, mu: Array, rho: Array) -> Array:
@@ -134,16 +134,14 @@ def _solved(h: Array, mu: Array, rho: Array) -> Array:
     ratio = mu / thinnest
     c = 1.0 - ratio**2
     weight = h * ratio
-    total = weight.sum(axis=1)
-    require(total > 1e-9 * np.abs(h).sum(axis=1), NO_RAY)
-    kappa = 1.0 / total
+    kappa = 1.0 / weight.sum(axis=1)
     step = kappa
     for _ in range(SNELL_ITERATIONS):
         w = 1.0 + c * (rho * kappa**2)[:, None]
         root = np.sqrt(w)
         found = np.sum(weight / root, axis=1) * kappa - 1.0
         step = -found / np.sum(weight / (w * root), axis=1)
-        kappa = np.maximum(kappa + step, 0.1 * kappa)
+        kappa = kappa + step
         if np.all(np.abs(step) <= 4e-16 * kappa):
             break
     require(np.abs(step) <= 1e-9 * kappa, NO_RAY)
@@ -241,8 +239,7 @@ def image_through_level(
         readout: times of the rows; None: all are exposed at the same time.
 
     Raises:
-        DegenerateError: the projection centre lies in the surface, no ray reaches the point, or
-            the point has no image.
+        DegenerateError: the projection centre lies in the surface, or the point has no image.
     """
     at = _Exposure.of(pose, motion, readout, observed)
     height = level[:, 0] + geoid
@@ -259,6 +256,7 @@ def image_through_level(
         thick = np.einsum("ni,ni->n", normal, foot - at.centre)
         rays = refracted_rays(p, normal, thick[:, None], index)
         before, place = place, at.centre + thick[:, None] * rays.q
+        place[rays.straight] = point[rays.straight]
         if np.all(np.linalg.norm(place - before, axis=1) <= SURFACE_TOLERANCE * size):
             break
     n = len(p)
@@ -400,8 +398,7 @@ def image_through_port(
         readout: times of the rows; None: all are exposed at the same time.
 
     Raises:
-        DegenerateError: the projection centre lies in the port, no ray reaches the point, or the
-            point has no image.
+        DegenerateError: the projection centre lies in the port, or the point has no image.
     """
     at = _Exposure.of(pose, motion, readout, observed)
     p = np.einsum("nji,nj->ni", at.rotation, point - at.centre)

@@ -186,6 +186,7 @@ def empty_network() -> fga.Network:
     network.set_distance_meter("edm", sigma_scale=1e-5, sigma_zero=1e-3)
     network.set_model_deformation("film", values={"x": 0.01})
     network.set_gyro("gyro", 0.02, sigma=1e-4)
+    network.set_refractive_index("water", 1.34, sigma=1e-3)
     for name, of in (
         ("refraction", "ray"),
         ("index_error", "circle"),
