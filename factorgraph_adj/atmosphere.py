@@ -1,4 +1,4 @@
-"""Standard atmosphere: heights from pressure and back; slope of surfaces of equal pressure by wind.
+"""Standard atmosphere: heights from pressure and back; slope by wind; refractive index of water.
 
 International Standard Atmosphere (ICAO Doc 7488; ISO 2533:1975) below 11 km. Pressures are in Pa,
 heights in metres, angles in radians, speeds in metres per second.
@@ -100,3 +100,37 @@ def pressure_slope(latitude: float, wind_from_left: float) -> float:
             nose points to the left of the track.
     """
     return float(-2.0 * ROTATION_OF_THE_EARTH * np.sin(latitude) * wind_from_left / GRAVITY)
+
+
+def water_index(
+    *, temperature: float = 15.0, salinity: float = 0.0, wavelength: float = 550.0
+) -> float:
+    """Return the refractive index of water relative to air, at the pressure of the surface.
+
+    Quan & Fry 1995, Empirical equation for the index of refraction of seawater, Applied Optics 34,
+    3477, whose data are those of Austin & Halikas 1976. It changes by −1·10⁻⁴ per kelvin,
+    2·10⁻⁴ per gram of salt, and from 1.343 for blue to 1.331 for red light.
+
+    >>> round(water_index(temperature=20.0, wavelength=589.3), 5)
+    1.33301
+
+    Args:
+        temperature: of the water, °C, 0 to 30.
+        salinity: grams of salt per kilogram, 0 to 35 (ocean).
+        wavelength: of the light, nanometres, 400 to 700: 550 is green, in the middle of a camera's.
+
+    Raises:
+        InputError: a value outside of these ranges.
+    """
+    ranges = {
+        "temperature": (temperature, 0.0, 30.0, "°C"),
+        "salinity": (salinity, 0.0, 35.0, "g/kg"),
+        "wavelength": (wavelength, 400.0, 700.0, "nm"),
+    }
+    for name, (value, low, high, unit) in ranges.items():
+        if not low <= value <= high:
+            raise InputError(f"{name} must be from {low:g} to {high:g} {unit}, not {value:g}")
+    t, s, w = temperature, salinity, 1.0 / wavelength
+    by_salt = (1.779e-4 - 1.05e-6 * t + 1.6e-8 * t**2) * s
+    by_colour = (15.868 + 0.01155 * s - 0.00423 * t) * w - 4382.0 * w**2 + 1.1455e6 * w**3
+    return 1.31405 + by_salt - 2.02e-6 * t**2 + by_colour

@@ -92,7 +92,7 @@ def refracted_rays(p: Array, normal: Array, layers: Array, indices: Array) -> Re
     across = p - along[:, None] * normal
     rho = np.einsum("ni,ni->n", across, across)
     h = np.concatenate([layers, along[:, None] - layers.sum(axis=1, keepdims=True)], axis=1)
-    require((layers >= 0.0).all(axis=1) & (indices > 0.0).all(axis=1), INDEX)
+    require((layers.min(axis=1) >= 0.0) & (indices.min(axis=1) > 0.0), INDEX)
     require(layers[:, 0] > 0.0, ON_SURFACE)
     straight = h[:, -1] < 0.0
     h[straight, -1] = 0.0
