@@ -28,10 +28,10 @@ from .weights import constant_sigma, vector_weights
 ABSENT = ""
 """Name of a variable that an observation could have and has not."""
 NO_PLANES = (
-    "lens model {!r} has no projection centre, through which the plane of a line could pass: "
-    "measure points of the line in photos of central projection"
+    "lens model {!r} has no projection centre, through which the plane of a line or a refracted "
+    "ray could pass: measure these points in photos of central projection"
 )
-"""Why a line in an image cannot be computed."""
+"""Why lines in images and refracted image points cannot be computed."""
 
 
 def variable_name(network: Network, kind: VariableKind, attribute: str, o: Observation) -> str:

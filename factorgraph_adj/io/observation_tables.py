@@ -23,7 +23,6 @@ from .observation_fields import (
     RecordContext,
     is_angle,
     is_in_image,
-    is_in_image,
     known_fields,
     placeholder_sigma,
     sigma_fields,

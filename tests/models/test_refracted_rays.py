@@ -235,7 +235,13 @@ def steps_of(equations: Equations, by_kind: dict[str, tuple[float, ...]]) -> Arr
     return out
 
 
-@pytest.mark.parametrize("lens", LENSES_USED)
+@pytest.mark.parametrize("lens", [n for n, x in LENSES_USED.items() if x.lens.takes != "places"])
 def test_partials_through_planes_and_ports_are_right_for_every_lens(lens: str) -> None:
     equations, steps = tank_equations(lens)
     assert_partials_are_right(only(equations, "image_through"), equations.unknowns.start(), steps)
+
+
+def test_parallel_projections_are_refused() -> None:
+    (name,) = (n for n, x in LENSES_USED.items() if x.lens.takes == "places")
+    with pytest.raises(fga.InputError, match="no projection centre"):
+        tank_equations(name)
