@@ -11,7 +11,7 @@ import numpy as np
 
 from factorgraph_adj.adjustment import adjust
 from factorgraph_adj.collocation.point_corrections import point_corrections
-from factorgraph_adj.models.deformation import DEFORMATIONS
+from factorgraph_adj.models.deformation import DISPLACEMENTS
 from factorgraph_adj.models.lens import BrownLens, NoDistortion
 from factorgraph_adj.models.orthogonal_lens import EbnerLens
 from factorgraph_adj.network.network import Network
@@ -42,7 +42,7 @@ from .methods_1980_block import SIGMA_TILT, MethodBlock
 
 ROUNDS = 5
 """Rounds of plan and height: practice had three to five."""
-DEFORMED = tuple(n for n in DEFORMATIONS[3:] if n not in ("stretch_z", "shear_xz", "shear_yz"))
+DEFORMED = tuple(n for n in DISPLACEMENTS[3:] if n not in ("stretch_z", "shear_xz", "shear_yz"))
 """Additional parameters of models: the 8 + 3 of Ebner."""
 SIGMA_DEFORMATION = 0.010
 """Standard deviation of additional parameters at image scale, mm."""

@@ -21,6 +21,7 @@ import numpy as np
 
 from factorgraph_adj.adjustment import adjust, determined_part
 from factorgraph_adj.graph.observation_selection import without
+from factorgraph_adj.models.deformation import PROJECTIVE
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import FrameCoordinate, LevelHeight, ProfileHeight
 from factorgraph_adj.quality.snooping import snoop
@@ -109,15 +110,15 @@ def similarities(block: MethodBlock) -> Outcome:
     return run.outcome(adjust(run.uncorrelated(as_models(block.network))), block)
 
 
-def affine_models(block: MethodBlock) -> Outcome:
-    """BATT-SAP: models with twelve parameters, of which five are weighted with zero."""
+def projective_models(block: MethodBlock) -> Outcome:
+    """BATT-SAP: models with fifteen parameters, of which eight are weighted with zero."""
     models = as_models(block.network)
     network = models.network
     focal = next(iter(block.network.cameras.values())).values[0]
     for m in models.models:
         depth = float(np.mean([-x[2] for x in m.points.values()]))
         sigma = run.SIGMA_DEFORMATION * depth / focal
-        network.set_model_deformation(m.name, sigma=dict.fromkeys(AFFINE, sigma))
+        network.set_model_deformation(m.name, sigma=dict.fromkeys((*AFFINE, *PROJECTIVE), sigma))
     bases = {m.name: float(np.linalg.norm([*m.centres.values()][-1])) for m in models.models}
     for i, o in network.observations.items():
         if isinstance(o, FrameCoordinate) and o.point is not None:
@@ -267,7 +268,7 @@ PROGRAMS: tuple[Program, ...] = (
     Program("SCHUT", "18 polynomials", lambda b: run.bent_strips(b.network, b)),
     Program("SPACE-M", "models, statoscope, tilts", models_in_the_air, needs="statoscope"),
     Program("PABS", "11 polynomials", lambda b: run.bent_strips(b.plotter, b)),
-    Program("BATT-SAP", "models, 12 parameters", affine_models),
+    Program("BATT-SAP", "models, 15 parameters", projective_models),
     Program("EMMBA", "28 additional parameters", partial(run.bundle, lens="ebner")),
     Program("BUEND", "29 calibration", partial(run.bundle, lens="brown", priors=True)),
     Program("STEREO", "models, uncorrelated", similarities),

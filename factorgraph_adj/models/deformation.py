@@ -1,10 +1,11 @@
 """Deformations of models by film, lens and plotter; polynomials of strips (FRAMES F2.3, F6).
 
-    q' = q + Σ_a p_a t_a(q / b)
+    q' = (q + Σ_a p_a t_a(q / b)) / (1 − wᵀ q / b²)
 
 q are coordinates in the frame of a model, b is a length such as the base of the model. The
-parameters p_a have the unit of the frame: each is the displacement at a place one base away. They
-are shared by a group of models and weighted with 0 ± σ (Ayeni's method 23). With (ξ, η, ζ) = q / b:
+parameters p_a and w have the unit of the frame: each is the displacement at a place one base away.
+They are shared by a group of models and weighted with 0 ± σ (Ayeni's method 23), or those of one
+model are free (BATT-SAP). With (ξ, η, ζ) = q / b:
 
 | components | terms | number |
 | --- | --- | --- |
@@ -13,10 +14,12 @@ are shared by a group of models and weighted with 0 ± σ (Ayeni's method 23). W
 | ``stretch_z`` ``shear_xz`` ``shear_yz`` | (0, 0, ζ), (ζ, 0, ξ), (0, ζ, η) | 3 |
 | ``x_xy`` ``x_yy`` ``x_xyy`` | ξη, η², ξη² in x; the same in y | 6 |
 | ``z_xy`` ``z_yy`` ``z_xyy`` | ξη (twist), η², ξη² in z | 3 |
+| ``projective_x`` ``projective_y`` ``projective_z`` | w: ξ q, η q, ζ q to first order | 3 |
 
-The second and third row together are the affine deformation without the similarity. The second and
-the last two together span what {1, ξ} ⊗ {1, η, η²} has beside the similarity: 8 terms in plan and 3
-in height, those of Ebner (1976) without projection centres.
+The second and third row together are the affine deformation without the similarity: 12 parameters
+with that of the frame. With the last row these are the 15 of a projective transformation of space.
+The second, fourth and fifth together span what {1, ξ} ⊗ {1, η, η²} has beside the similarity: 8
+terms in plan and 3 in height, those of Ebner (1976) without projection centres.
 
     X + i Y = x + i y + Σ_j (a_j + i b_j) s^j        s = along + i across
     Z       = z + Σ h_kl along^k across^l
@@ -37,7 +40,7 @@ import numpy as np
 
 from ..frames import Frame
 from ..types import Array
-from .base import Linearised
+from .base import Linearised, require
 
 _LINEAR: dict[str, tuple[tuple[int, int, float], ...]] = {
     "affinity": ((0, 0, 1.0), (1, 1, -1.0)),
@@ -49,12 +52,18 @@ _LINEAR: dict[str, tuple[tuple[int, int, float], ...]] = {
 """Elements (row, column, factor) of the matrix of each linear term."""
 _POWERS = {"xy": (1, 1), "yy": (0, 2), "xyy": (1, 2)}
 """Powers of ξ and η of the higher terms."""
-DEFORMATIONS = (
+DISPLACEMENTS = (
     *"xyz",
     *_LINEAR,
     *(f"{axis}_{power}" for axis in "xyz" for power in _POWERS),
 )
-"""Names of the parameters, in order."""
+"""Names of the parameters p, in order."""
+PROJECTIVE = ("projective_x", "projective_y", "projective_z")
+"""Names of the components of w."""
+DEFORMATIONS = (*DISPLACEMENTS, *PROJECTIVE)
+"""Names of all parameters, in order."""
+MIN_DENOMINATOR = 1e-6
+"""Smallest denominator 1 − wᵀ q / b²; it is 0 in the plane that goes to infinity."""
 HEIGHT_TERMS: tuple[tuple[str, ...], ...] = (
     ("z",),
     ("z_x", "z_y"),
@@ -91,14 +100,17 @@ def deformed(q: Array, parameters: Array, base: Array) -> Deformed:
 
     Args:
         q: coordinates in the frames, (n, 3).
-        parameters: p, (n, 17).
+        parameters: p and w, (n, 20).
         base: b, unit of the frame, (n,).
+
+    Raises:
+        InputError: a place lies beyond the plane that a projective deformation moves to infinity.
     """
-    n = len(q)
-    terms = np.zeros((n, 3, len(DEFORMATIONS)))
-    slopes = np.zeros((n, len(DEFORMATIONS), 3, 3))
+    n, size = len(q), len(DISPLACEMENTS)
+    terms = np.zeros((n, 3, size))
+    slopes = np.zeros((n, size, 3, 3))
     u = q / base[:, None]
-    for i, name in enumerate(DEFORMATIONS):
+    for i, name in enumerate(DISPLACEMENTS):
         if name in _LINEAR:
             for row, column, factor in _LINEAR[name]:
                 terms[:, row, i] = factor * u[:, column]
@@ -112,9 +124,16 @@ def deformed(q: Array, parameters: Array, base: Array) -> Deformed:
             slopes[:, i, row, 0] = u[:, 1] ** m
         if m:
             slopes[:, i, row, 1] = m * u[:, 0] ** k * u[:, 1] ** (m - 1)
-    moved = np.einsum("nia,na->ni", terms, parameters)
-    by_q = np.einsum("na,naij->nij", parameters, slopes) / base[:, None, None]
-    return Deformed(q + moved, np.eye(3) + by_q, terms)
+    p, w = parameters[:, :size], parameters[:, size:] / base[:, None]
+    below = 1.0 - np.sum(w * u, axis=1)
+    require(below > MIN_DENOMINATOR, "its projective deformation moves it to infinity")
+    moved = (q + np.einsum("nia,na->ni", terms, p)) / below[:, None]
+    by_q = np.eye(3) + np.einsum("na,naij->nij", p, slopes) / base[:, None, None]
+    # ∂(1/D)/∂q = w / (b² D²), ∂(1/D)/∂w = q / (b² D²)
+    by_q += moved[:, :, None] * (w / base[:, None])[:, None, :]
+    by_w = moved[:, :, None] * (u / base[:, None])[:, None, :]
+    by_parameters = np.concatenate([terms, by_w], axis=2)
+    return Deformed(moved, by_q / below[:, None, None], by_parameters / below[:, None, None])
 
 
 def monomials(along: Array, across: Array, size: int) -> Array:

@@ -206,7 +206,7 @@ def frame_coordinate(
         pose: stored poses, (n, 12); None: the place is a point.
         origin: O where it is a point, (n, 3).
         vertical: deflections at O, (n, 2).
-        deformation: parameters of `factorgraph_adj.models.deformation`, (n, 17).
+        deformation: parameters of `factorgraph_adj.models.deformation`, (n, 20).
         observed: (n, d).
         base: length to which the deformation refers, unit of the frame, (n,).
         axes: numbers of the observed axes.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import factorgraph_adj as fga
-from factorgraph_adj.models.deformation import DEFORMATIONS
+from factorgraph_adj.models.deformation import DEFORMATIONS, DISPLACEMENTS
 from factorgraph_adj.triangulation.independent_models import FRAME_COMPONENTS
 
 BASE = 90.0
@@ -24,7 +24,7 @@ MODELS, ROWS = 4, 5
 
 
 def deformed_block(
-    *, weighted: tuple[str, ...] = DEFORMATIONS[3:], sigma: float = SIGMA_DEFORMATION
+    *, weighted: tuple[str, ...] = DISPLACEMENTS[3:], sigma: float = SIGMA_DEFORMATION
 ) -> fga.Network:
     """Return the plan: a strip of models that share points and projection centres.
 

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.models.deformation import DEFORMATIONS, deformed
+from factorgraph_adj.models.base import DegenerateError
+from factorgraph_adj.models.deformation import DEFORMATIONS, DISPLACEMENTS, PROJECTIVE, deformed
 from factorgraph_adj.simulation.measurement import measure
+from factorgraph_adj.triangulation.independent_models import FRAME_COMPONENTS
 from factorgraph_adj.types import Array
 from tests.networks.deformed_models import BASE, CENTRES, TRUE, deformed_block
 from tests.support.same import assert_same_network
@@ -56,6 +58,72 @@ def test_eight_and_three_terms_are_those_of_ebner() -> None:
     every = [np.kron(each, e[:, None]) for e in np.eye(3)]
     assert np.linalg.matrix_rank(both) == 18
     assert np.linalg.matrix_rank(np.column_stack([both, *every])) == 18
+
+
+AFFINE = ("affinity", "shear_xy", "stretch_z", "shear_xz", "shear_yz")
+
+
+def test_affine_and_projective_terms_and_a_similarity_are_a_projective_transformation() -> None:
+    """Tangents at the identity: 12 affine ones, and q (w·q) for the fourth row of the matrix."""
+    q = np.random.default_rng(1).normal(size=(20, 3))
+    both = np.column_stack([similarity(q), terms((*AFFINE, *PROJECTIVE), q)])
+    assert np.linalg.matrix_rank(both) == 15
+    bent = [(q * q[:, i : i + 1]).ravel() for i in range(3)]
+    assert np.linalg.matrix_rank(np.column_stack([both, *bent])) == 15
+
+
+def projective_model(n: int, *, seed: int = 3) -> fga.Network:
+    """Return n held points and their coordinates in a model that a 4 × 4 matrix has bent."""
+    rng = np.random.default_rng(seed)
+    network = fga.Network("projective model")
+    matrix = np.eye(4) + 0.15 * rng.normal(size=(4, 4))
+    matrix[3, 3] = 1.0
+    network.add_frame("M", free=FRAME_COMPONENTS, origin=(0.0, 0.0, 0.0))
+    network.set_model_deformation("M", free=(*AFFINE, *PROJECTIVE))
+    for i, x in enumerate(rng.uniform(-1.0, 1.0, (n, 3))):
+        network.add_point(f"{i}", 100.0 * x, fixed="xyz")
+        h = matrix @ [*x, 1.0]
+        assert h[3] > 0.4
+        value = tuple(100.0 * h[:3] / h[3])
+        o = fga.FrameCoordinate("M", f"{i}", value, sigma=(0.01,) * 3, deformation="M", base=100.0)
+        network.add(o)
+    return network
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_any_projective_transformation_is_a_frame_with_a_deformation(seed: int) -> None:
+    """Fifteen parameters from zero, without approximate values: residuals vanish."""
+    solution = fga.adjust(projective_model(20, seed=seed))
+    assert solution.converged and solution.redundancy == 60 - 15
+    assert solution.vtpv < 1e-12
+
+
+def test_five_points_determine_a_projective_model_and_four_do_not() -> None:
+    assert fga.adjust(projective_model(5)).redundancy == 0
+    with pytest.raises(fga.DatumError, match="not determined"):
+        fga.adjust(projective_model(4))
+
+
+def test_a_place_beyond_the_vanishing_plane_has_no_image() -> None:
+    q, base = np.array([[10.0, 0.0, 0.0], [60.0, 0.0, 0.0]]), np.array([100.0, 100.0])
+    w = np.zeros((2, len(DEFORMATIONS)))
+    w[:, DEFORMATIONS.index("projective_x")] = 200.0  # 1 − 200 · 60 / 100² < 0
+    assert deformed(q[:1], w[:1], base[:1]).q[0, 0] == pytest.approx(10.0 / 0.8)
+    with pytest.raises(DegenerateError, match="moves it to infinity") as error:
+        deformed(q, w, base)
+    assert list(error.value.rows) == [1]
+
+
+def test_a_projective_deformation_of_all_models_is_found() -> None:
+    true = {**TRUE, "projective_x": 0.8, "projective_z": -0.5}
+    plan = deformed_block(weighted=DEFORMATIONS[3:], sigma=1.0)
+    plan.set_model_deformation("film", values=true, sigma=dict.fromkeys(DEFORMATIONS[3:], 1.0))
+    solution = fga.adjust(given_nothing(measure(plan, seed=4)))
+    found = solution.unknown("model_deformation", "film")
+    for name in PROJECTIVE:
+        error = found[name] - true.get(name, 0.0)
+        assert abs(error) < 4 * found.sigma(name)
+    assert found["projective_x"] > 10 * found.sigma("projective_x")
 
 
 def given_nothing(network: fga.Network) -> fga.Network:
@@ -120,7 +188,7 @@ def test_shifts_of_all_places_of_a_model_are_not_determined() -> None:
 
 def test_free_terms_need_no_weights() -> None:
     network = given_nothing(measure(deformed_block(), seed=1))
-    network.set_model_deformation("film", free=DEFORMATIONS[3:])
+    network.set_model_deformation("film", free=DISPLACEMENTS[3:])
     solution = fga.adjust(network)
     assert solution.converged
     rel = fga.reliability(solution)
