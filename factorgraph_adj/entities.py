@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 
@@ -148,6 +148,24 @@ class Parameter(metaclass=ChecksArguments):
     """Name of the point at which the unknown has its origin; empty: none."""
 
 
+class JointImagePoints(NamedTuple):
+    """Image points with one joint covariance."""
+
+    rows: Index
+    """Their rows in the table of image points, (n,)."""
+    covariance: Array
+    """Covariance of x and y of each of them, in this order, (2n, 2n) image units²."""
+
+    def kept(self, new: Index) -> JointImagePoints | None:
+        """Return those that stay, with new numbers of rows (all rows,), −1 for those that go."""
+        rows = new[self.rows]
+        stays = np.flatnonzero(rows >= 0)
+        if not len(stays):
+            return None
+        both = (2 * stays[:, None] + np.arange(2)).ravel()
+        return JointImagePoints(rows[stays], self.covariance[np.ix_(both, both)])
+
+
 @dataclass
 class ImageTable:
     """Image coordinates in columns, because networks have many of them."""
@@ -160,12 +178,39 @@ class ImageTable:
     """Measured coordinates (n, 2)."""
     sigma: list[Array] = field(default_factory=list)
     """Standard deviations (n, 2)."""
+    rho: list[Array] = field(default_factory=list)
+    """Correlations of x and y, (n,); none where all are zero."""
+    joint: list[JointImagePoints] = field(default_factory=list)
+    """Groups with joint covariances, which take the place of their standard deviations."""
     ids: dict[int, str] = field(default_factory=dict)
     """Ids that differ from photo/point, by row."""
     sources: dict[int, str] = field(default_factory=dict)
     """Sources by row."""
     size: int = 0
     """Number of rows."""
+
+    @classmethod
+    def of(
+        cls, points: Sequence[Any], photo: Mapping[str, int], point: Mapping[str, int]
+    ) -> ImageTable:
+        """Return the table of some image points.
+
+        Args:
+            points: the image points, n `ImagePoint`.
+            photo: numbers of the photos, by name.
+            point: numbers of the points, by name.
+        """
+        out = cls()
+        out.append(
+            np.array([photo[o.photo] for o in points], dtype=np.intp),
+            np.array([point[o.point] for o in points], dtype=np.intp),
+            np.array([(o.x, o.y) for o in points], dtype=float),
+            np.array([np.broadcast_to(np.asarray(o.sigma, dtype=float), 2) for o in points]),
+            np.array([o.correlation for o in points]),
+        )
+        out.ids = {i: o.id for i, o in enumerate(points) if o.id is not None}
+        out.sources = {i: o.source for i, o in enumerate(points) if o.source is not None}
+        return out
 
     def copy(self) -> ImageTable:
         """Return an independent table; both share the arrays of rows, which never change."""
@@ -175,30 +220,107 @@ class ImageTable:
             point=list(self.point),
             xy=list(self.xy),
             sigma=list(self.sigma),
+            rho=list(self.rho),
+            joint=list(self.joint),
             ids=dict(self.ids),
             sources=dict(self.sources),
         )
 
     def kept(self, keep: Mask) -> ImageTable:
         """Return a table of the rows with ``keep`` (n,) true."""
-        new = np.cumsum(keep) - 1
+        new = np.where(keep, np.cumsum(keep) - 1, -1)
         out = ImageTable()
-        out.append(*(c[keep] for c in self.columns()))  # type: ignore[arg-type]
+        photo, point, xy, sigma = self.columns()
+        out.append(photo[keep], point[keep], xy[keep], sigma[keep], self.correlation[keep])
         out.ids = {int(new[r]): v for r, v in self.ids.items() if keep[r]}
         out.sources = {int(new[r]): v for r, v in self.sources.items() if keep[r]}
+        out.joint = [left for group in self.joint if (left := group.kept(new))]
         return out
 
-    def with_columns(self, photo: Index, point: Index, xy: Array, sigma: Array) -> ImageTable:
-        """Return a table of as many rows with other columns, and the same ids and sources."""
-        return replace(self.copy(), photo=[photo], point=[point], xy=[xy], sigma=[sigma])
+    def with_columns(
+        self,
+        *,
+        photo: Index | None = None,
+        point: Index | None = None,
+        xy: Array | None = None,
+        sigma: Array | None = None,
+    ) -> ImageTable:
+        """Return a table of as many rows with some other columns, and everything else the same."""
+        columns = dict(zip(("photo", "point", "xy", "sigma"), self.columns(), strict=True))
+        given = {"photo": photo, "point": point, "xy": xy, "sigma": sigma}
+        columns |= {name: column for name, column in given.items() if column is not None}
+        assert all(len(column) == self.size for column in columns.values())
+        out = self.copy()
+        for name, column in columns.items():
+            setattr(out, name, [column])
+        return out
 
-    def append(self, photo: Index, point: Index, xy: Array, sigma: Array) -> None:
-        """Add rows."""
+    def append(
+        self,
+        photo: Index,
+        point: Index,
+        xy: Array,
+        sigma: Array,
+        correlation: Array | None = None,
+    ) -> None:
+        """Add rows; ``correlation`` (n,) of x and y, None: they are not correlated."""
+        if correlation is not None and correlation.any() and not self.rho:
+            self.rho = [np.zeros(self.size)]
+        if self.rho:
+            self.rho.append(np.zeros(len(photo)) if correlation is None else correlation)
         self.photo.append(photo)
         self.point.append(point)
         self.xy.append(xy)
         self.sigma.append(sigma)
         self.size += len(photo)
+
+    def take_over(
+        self, other: ImageTable, photos: Index | None = None, points: Index | None = None
+    ) -> None:
+        """Add the rows of another table with everything that they have; both stay independent.
+
+        Args:
+            other: the other table.
+            photos: numbers here of the photos there, (number of photos,); None: they are the same.
+            points: numbers here of the points there, (number of points,); None: likewise.
+        """
+        n, (photo, point, xy, sigma) = self.size, other.columns()
+        photo = photo if photos is None else photos[photo]
+        point = point if points is None else points[point]
+        self.append(photo, point, xy, sigma, other.correlation)
+        self.joint += [JointImagePoints(n + rows, q) for rows, q in other.joint]
+        self.ids |= {n + row: ident for row, ident in other.ids.items()}
+        self.sources |= {n + row: source for row, source in other.sources.items()}
+
+    def join(self, group: JointImagePoints) -> None:
+        """Give some of the rows a joint covariance; σ and correlation of each become those in it.
+
+        Raises:
+            InputError: a row has a joint covariance already.
+        """
+        if self.is_joint[group.rows].any():
+            raise InputError("an image point cannot be in two groups with joint covariances")
+        sigma, rho = self.columns()[3].copy(), self.correlation.copy()
+        sigma[group.rows] = np.sqrt(np.diag(group.covariance)).reshape(-1, 2)
+        rho[group.rows] = np.diag(group.covariance, 1)[::2] / sigma[group.rows].prod(axis=1)
+        self.sigma = [sigma]
+        self.rho = [rho] if rho.any() else []
+        self.joint.append(group)
+
+    @property
+    def is_joint(self) -> Mask:
+        """Whether rows have a joint covariance with others, (n,)."""
+        out = np.zeros(self.size, dtype=bool)
+        for rows, _ in self.joint:
+            out[rows] = True
+        return out
+
+    @property
+    def correlation(self) -> Array:
+        """Correlations ρ = σ_xy / (σ_x σ_y) of the coordinates, (n,)."""
+        if len(self.rho) > 1:
+            self.rho = [np.concatenate(self.rho)]
+        return self.rho[0] if self.rho else np.broadcast_to(0.0, self.size)
 
     def columns(self) -> tuple[Index, Index, Array, Array]:
         """Return photo (n,), point (n,), coordinates (n, 2) and sigma (n, 2)."""

@@ -211,10 +211,10 @@ def several_cameras(block: MethodBlock) -> Outcome:
     second = {f for strip in photos_of_strips(network)[1::2] for f in strip}
     for f in second:
         network.photos[f] = replace(network.photos[f], camera="short")
-    photo, point, xy, sigma = network.images.columns()
+    photo, _, xy, sigma = network.images.columns()
     names = list(network.photos)
     factor = np.where([names[i] in second for i in photo], 0.5, 1.0)[:, None]
-    network.images = network.images.with_columns(photo, point, xy * factor, sigma * factor)
+    network.images = network.images.with_columns(xy=xy * factor, sigma=sigma * factor)
     assert name in network.cameras
     return run.outcome(adjust(network), block)
 

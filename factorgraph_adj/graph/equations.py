@@ -16,7 +16,8 @@ from ..types import Array, Index
 from .block_construction import by_kind, control_blocks, own_blocks, plain_blocks, weighted_blocks
 from .blocks import Block
 from .clusters import ClusterBatch, cluster_batches
-from .image_blocks import ImageChunks, ImageIds, image_blocks
+from .image_blocks import ImageChunks, image_blocks
+from .image_ids import ImageIds
 from .variables import State, Unknowns
 from .weights import Cluster, clusters_of, weigh
 
@@ -53,13 +54,18 @@ class Equations:
         return sum(b.n for b in self.blocks if b.lens is not None)
 
     @cached_property
-    def rays(self) -> dict[int, ImageChunks]:
-        """Image coordinates in chunks, by the place of their block in ``blocks``."""
+    def images(self) -> dict[int, ImageChunks]:
+        """All image coordinates in chunks, by the place of their block in ``blocks``."""
         return {
             place: ImageChunks(block, self.unknowns)
             for place, block in enumerate(self.blocks)
             if block.lens is not None
         }
+
+    @cached_property
+    def rays(self) -> dict[int, ImageChunks]:
+        """Image coordinates that are linearised in chunks: those that are in no cluster."""
+        return {k: chunks for k, chunks in self.images.items() if k not in self.in_cluster}
 
     def evaluated(self, state: State) -> dict[int, Linearised]:
         """Return residuals and partials of every block outside `rays`, by its place.

@@ -1,4 +1,4 @@
-"""Image coordinates by lens model: ids of rays and their look-up, chunks, partials, sums by point.
+"""Image coordinates by lens model: blocks, chunks, partials, sums by point.
 
 A chunk has the rays of several whole or partial photos. Each component of residuals and partials
 is a contiguous array over the rays of the chunk, so that every operation runs through the cache of
@@ -7,7 +7,7 @@ one core, and rotations are one matrix product for each photo.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -22,6 +22,7 @@ from ..models.rolling_shutter import MOTION, Turns
 from ..network.network import Network
 from ..types import Array, Index
 from .blocks import Block
+from .image_ids import ImageIds
 from .variables import DEFAULT, State, Unknowns, calibration_name
 
 POSE = 6
@@ -34,85 +35,14 @@ RAYS = 12_000
 and the allocator reuses their memory (it maps new pages from 128 kB)."""
 
 
-class ImageIds:
-    """Ids of image points, made on demand."""
-
-    def __init__(self, network: Network, rows: Index, photo: Index, point: Index) -> None:
-        self._photos, self._points = tuple(network.photos), tuple(network.points)
-        self._own, self._sources = network.images.ids, network.images.sources
-        self.rows, self._photo, self._point = rows, photo, point
-
-    def __len__(self) -> int:
-        return len(self.rows)
-
-    def __getitem__(self, i: int) -> str:
-        own = self._own.get(int(self.rows[i]))
-        return own or f"{self._photos[self._photo[i]]}/{self._points[self._point[i]]}"
-
-    def label(self, i: int) -> str:
-        """Return a readable name of image point i, with its source."""
-        source = self.source(i)
-        text = f"image {self._photos[self._photo[i]]} {self._points[self._point[i]]}"
-        return f"{source}: {text}" if source else text
-
-    def source(self, i: int) -> str:
-        """Return file and line of image point i; empty if it was not read from a file."""
-        return self._sources.get(int(self.rows[i])) or ""
-
-    def positions(self, ids: Sequence[str]) -> Index:
-        """Return the rows (n,) of the block with these ids, −1 for ids of no row."""
-        place = {int(row): i for i, row in enumerate(self.rows)} if self._own else {}
-        own = {name: place[row] for row, name in self._own.items() if row in place}
-        return find_images(self._photo, self._point, self._photos, self._points, own, ids)
-
-
-def find_images(
-    photo: Index,
-    point: Index,
-    photos: Sequence[str],
-    points: Sequence[str],
-    own: Mapping[str, int],
-    ids: Sequence[str],
-) -> Index:
-    """Return the rows of image points by id, (n,); −1 for ids of no row.
-
-    Args:
-        photo: number of the photo of each row.
-        point: number of the point of each row.
-        photos: names of all photos.
-        points: names of all points.
-        own: rows with an id of their own, by id.
-        ids: ids to find: own ids, or photo/point.
-    """
-    code = photo * len(points) + point
-    order = np.argsort(code, kind="stable")
-    photo_number = {name: i for i, name in enumerate(photos)}
-    point_number = {name: i for i, name in enumerate(points)}
-    out = np.array([own.get(ident, -1) for ident in ids], dtype=np.intp)
-    wanted: list[tuple[int, int]] = []
-    for i in np.flatnonzero(out < 0).tolist():
-        # Names may contain a slash.
-        at = ids[i].find("/")
-        while at >= 0:
-            f, p = photo_number.get(ids[i][:at]), point_number.get(ids[i][at + 1 :])
-            if f is not None and p is not None:
-                wanted.append((i, f * len(points) + p))
-            at = ids[i].find("/", at + 1)
-    if wanted and len(code):
-        places, codes = np.array(wanted, dtype=np.intp).T
-        found = np.minimum(np.searchsorted(code, codes, sorter=order), len(code) - 1)
-        rows = order[found]
-        hit = code[rows] == codes
-        out[places[hit]] = rows[hit]
-    return out
-
-
 def image_blocks(network: Network, unknowns: Unknowns) -> Iterable[Block]:
     """Yield the image coordinates, photo by photo.
 
-    There is one block for each lens model, and for each readout of cameras whose photos move.
+    There is one block for each lens model, for each readout of cameras whose photos move, and for
+    cameras with correlated coordinates. Image points with a joint covariance are in further blocks.
     """
     photo, point, xy, sigma = network.images.columns()
+    correlation = network.images.correlation
     if not len(photo):
         return
     _refuse_duplicates(network, photo, point)
@@ -120,21 +50,29 @@ def image_blocks(network: Network, unknowns: Unknowns) -> Iterable[Block]:
         [unknowns["calibration"].number[calibration_name(network, f)] for f in network.photos],
         dtype=np.intp,
     )
+    camera_of = [f.camera for f in network.photos.values()]
     stated = unknowns["photo_motion"].number
     motion = np.array([stated.get(f, stated[DEFAULT]) for f in network.photos], dtype=np.intp)
     # All photos of a camera are in the same block, because they share its calibration.
     moving_cameras = {f.camera for f in network.photos.values() if f.name in stated}
+    correlated = {camera_of[f] for f in np.unique(photo[correlation != 0.0]).tolist()}
     for f in network.photos.values():
         if f.name in stated:
             network.check_readout(f.name, f"motion of photo {f.name!r}")
     forms = []
-    for f in network.photos.values():
-        camera = network.cameras[f.camera]
-        forms.append((camera.lens, camera.times() if camera.name in moving_cameras else None))
+    for name in camera_of:
+        camera = network.cameras[name]
+        readout = camera.times() if name in moving_cameras else None
+        forms.append((camera.lens, readout, name in correlated))
     distinct = {form: number for number, form in enumerate(dict.fromkeys(forms))}
-    form_of_photo = np.array([distinct[form] for form in forms])
-    for (lens, readout), number in distinct.items():
-        rows = np.flatnonzero(form_of_photo[photo] == number)
+    form_of_row = np.array([distinct[form] for form in forms])[photo]
+    joint = network.images.is_joint
+    chosen = [
+        (form, np.flatnonzero((form_of_row == number) & together))
+        for together in ((~joint, joint) if joint.any() else (True,))
+        for form, number in distinct.items()
+    ]
+    for (lens, readout, is_correlated), rows in chosen:
         if not len(rows):
             continue
         # Rows of a photo are adjacent, because sums are formed for each photo.
@@ -155,9 +93,23 @@ def image_blocks(network: Network, unknowns: Unknowns) -> Iterable[Block]:
             ids,  # type: ignore[arg-type]
             ("x", "y"),
             ids.label,
+            _whitener(sigma[rows], correlation[rows]) if is_correlated else None,
             lens=lens,
             readout=readout,
         )
+
+
+def _whitener(sigma: Array, correlation: Array) -> Array:
+    """Return W (n, 2, 2) with W Σ Wᵀ = I for σ (n, 2) and correlations (n,).
+
+    W = [1/σ_x, 0; −ρ/(σ_x s), 1/(σ_y s)],   s² = 1 − ρ²
+    """
+    s = np.sqrt((1.0 - correlation) * (1.0 + correlation))
+    w = np.zeros((len(sigma), 2, 2))
+    w[:, 0, 0] = 1.0 / sigma[:, 0]
+    w[:, 1, 0] = -correlation / (sigma[:, 0] * s)
+    w[:, 1, 1] = 1.0 / (sigma[:, 1] * s)
+    return w
 
 
 def _refuse_duplicates(network: Network, photo: Index, point: Index) -> None:

@@ -8,14 +8,14 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ..entities import ImageTable, Key, Parameter, parameter_name
+from ..entities import Key, Parameter, parameter_name
 from ..errors import InputError, Problem, known, taking
 from ..models.unknown_registry import UNKNOWNS, VariableKind, parameter_kinds
 from ..network.network import Network
 from ..observations import Observation
 from ..types import Array, Mask
 from .block_construction import weighted_blocks
-from .image_blocks import find_images
+from .image_ids import find_images
 from .variables import Unknowns, calibration_name
 
 Stated: TypeAlias = tuple[VariableKind, Key]
@@ -358,14 +358,13 @@ def filtered(
 
 def keep_entities(network: Network, photos: Sequence[str], points: Sequence[str]) -> None:
     """Keep some photos and points; image points are numbered anew."""
-    of_photo, of_point, xy, sigma = network.images.columns()
-    ids, sources = network.images.ids, network.images.sources
+    of_photo, of_point, *_ = network.images.columns()
     photo_number, point_number = ({n: i for i, n in enumerate(names)} for names in (photos, points))
     new_photo = np.array([photo_number.get(n, -1) for n in network.photos], dtype=np.intp)
     new_point = np.array([point_number.get(n, -1) for n in network.points], dtype=np.intp)
-    network.images = ImageTable()
-    network.images.append(new_photo[of_photo], new_point[of_point], xy, sigma)
-    network.images.ids, network.images.sources = dict(ids), dict(sources)
+    network.images = network.images.with_columns(
+        photo=new_photo[of_photo], point=new_point[of_point]
+    )
     network.photos = {n: network.photos[n] for n in photos}
     network.points = {n: network.points[n] for n in points}
     network.photo_number, network.point_number = photo_number, point_number

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +16,7 @@ from ..observations import Observation, observation_kind
 from ..stochastic_model import StandardDeviation, whitenings
 from ..types import NO_ROWS, Array, Index
 from .blocks import Block
+from .image_ids import ImageIds
 from .variables import State
 
 
@@ -162,7 +163,9 @@ def clusters_of(
     network: Network, blocks: list[Block]
 ) -> tuple[tuple[Cluster, ...], dict[int, Index]]:
     """Find the rows of the network's clusters and of control points with a covariance."""
-    groups = list(network.clusters)
+    groups: list[tuple[Sequence[str | int], Array]] = [*network.clusters]
+    # Image points are known by their rows in the table of all of them.
+    groups += [(rows.tolist(), covariance) for rows, covariance in network.images.joint]
     groups += [
         ((ident,), np.asarray(o.covariance))  # type: ignore[attr-defined]
         for ident, o in network.observations.items()
@@ -172,12 +175,16 @@ def clusters_of(
     ]
     if not groups:
         return (), {}
-    rows_of: dict[str, list[int]] = {}
-    place: dict[str, list[tuple[int, int]]] = {}
+    rows_of: dict[str | int, list[int]] = {}
+    place: dict[str | int, list[tuple[int, int]]] = {}
+    joint = network.images.is_joint
     for number, block in enumerate(blocks):
-        if block.prior or block.lens is not None:
+        if block.prior:
             continue
-        for i, ident in enumerate(block.ids):
+        names: Iterable[str | int] = block.ids
+        if isinstance(block.ids, ImageIds):
+            names = block.ids.rows.tolist() if joint[block.ids.rows].any() else ()
+        for i, ident in enumerate(names):
             first = block.first_row + i * block.dimension
             rows_of.setdefault(ident, []).extend(range(first, first + block.dimension))
             place.setdefault(ident, []).append((number, i))

@@ -47,8 +47,14 @@ class Refusals(Problems):
             if o.kind not in kinds:
                 what = f"a {o.kind.replace('_', ' ')}"
                 self.refuse(f"{what}{'; ' + hint if hint else ''}", o.label() or ident)
-        if network.clusters:
+        if network.clusters or network.images.joint:
             self.refuse("observations that are correlated with others")
+        rays = np.flatnonzero(network.images.correlation).tolist()
+        if rays:
+            photo, point, *_ = network.images.columns()
+            first = f"{list(network.photos)[photo[rays[0]]]}/{list(network.points)[point[rays[0]]]}"
+            more = f" and {len(rays) - 1} more" if len(rays) > 1 else ""
+            self.refuse("correlated image coordinates", f"image point {first}{more}")
 
     def points(self, network: Network, *, fixed: bool = False) -> None:
         """Refuse held points, unless ``fixed``, and weighted ones."""

@@ -7,7 +7,8 @@ are in metres and radians, with ``unit`` where the name of a field has no unit, 
 read without a project. Read records may hold numbers, text, true and false in any unit.
 
 Observations with a joint covariance are ``{"kind": "correlated", "observations": [fields, …],
-"covariance_si": [[…], …]}``: the covariance of all components in order, metres and radians.
+"covariance_si": [[…], …]}``: the covariance of all components in order, metres and radians; of
+image points in the unit of their image, x right and y as the coordinates have it.
 
 One `InputError` lists all problems of a record; the place of each begins with the source that
 the reader states. Every float is read back to the bit.
@@ -29,7 +30,7 @@ from ..frames import Frame
 from ..models.lens import NoDistortion
 from ..models.unknown_registry import UNKNOWNS, VariableKind, parameter_kinds
 from ..network.network import Network
-from ..observations import KINDS, AnyObservation, Correlated, Observation
+from ..observations import KINDS, AnyObservation, Correlated, ImagePoint, Observation
 from ..types import Array
 from . import numbers, observation_records
 from .camera_records import read_camera_record
@@ -44,6 +45,7 @@ from .observation_fields import (
     name_fields,
     number_fields,
     sigma_fields,
+    signs_in_files,
     text_fields,
     unknown_field_message,
 )
@@ -202,9 +204,8 @@ def _correlated_of(
         where = ", ".join(part for part in (source, f"observation {number}") if part)
         try:
             record = checked_record(entry, where)
-            kind = record.get("kind")
-            if kind in (CORRELATED_KIND, "image"):
-                raise InputError(Problem(f"{kind} cannot be in a correlated group", where))
+            if record.get("kind") == CORRELATED_KIND:
+                raise InputError(Problem("a group cannot be in a correlated group", where))
             if covariance is not None:
                 record = _with_sigma(record, np.diag(covariance)[begin:])
             members.append(replace(_single_of(record, context, where), source=source or None))
@@ -218,6 +219,9 @@ def _correlated_of(
     if problems or covariance is None:
         raise InputError(problems)
     try:
+        if context is not None and isinstance(members[0], ImagePoint):
+            sign = signs_in_files(context.axes_of(o.photos()[0]) for o in members)
+            covariance *= sign[:, None] * sign
         return Correlated(tuple(members), covariance)
     except InputError as error:
         row.wrong_all(error)

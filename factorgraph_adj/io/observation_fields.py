@@ -18,6 +18,7 @@ import numpy as np
 from ..errors import known, similar
 from ..models.unknown_registry import Quantity
 from ..observations import KINDS, Observation, observation_kind
+from ..types import Array
 from ..units import ANGLE, LENGTH
 from .numbers import Units
 
@@ -54,6 +55,11 @@ class ImageAxes:
     """Fields of the default standard deviation, for records that state none."""
 
 
+def signs_in_files(axes: Iterable[ImageAxes]) -> Array:
+    """Return the signs of x and y in files of each image point, (2n,): −1 where y points down."""
+    return np.array([sign for a in axes for sign in (1.0, -1.0 if a.y_down else 1.0)])
+
+
 @dataclass(frozen=True)
 class RecordContext:
     """Defaults of a project for records that do not state these things themselves."""
@@ -66,6 +72,10 @@ class RecordContext:
     """Axes of image coordinates by photo."""
     cameras: Mapping[str, ImageAxes] = field(default_factory=dict)
     """Axes of image coordinates by camera, for photos that are added later."""
+
+    def axes_of(self, photo: str) -> ImageAxes:
+        """Return the axes of the image coordinates of a photo."""
+        return self.images.get(photo, ImageAxes())
 
 
 def is_angle(kind: str) -> bool:
@@ -223,7 +233,7 @@ def plain_fields(kind: str) -> tuple[str, ...]:
     have = kind_attributes(kind)
     out = ["kind", "id", *name_fields(kind)]
     if kind == "image":
-        return (*out, "x", "y")
+        return (*out, "x", "y", "correlation")
     out += vector_components(kind) or ["value"]
     out += ["unit", *number_fields(kind), *text_fields(kind)]
     out += ["length_km"] if "length_km" in have else []

@@ -27,6 +27,7 @@ from ..stochastic_model import COMBINATIONS, Combine, StandardDeviation
 from ..types import Array
 from ..units import ANGLE, LENGTH
 from . import numbers
+from .covariance_tables import image_correlation
 from .csv_tables import FieldRow
 from .numbers import Units
 from .observation_fields import (
@@ -339,9 +340,9 @@ def _take_covariance(row: FieldRow, axes: tuple[str, ...], units: tuple[str, ...
 
 
 def _take_image(row: FieldRow, context: RecordContext, arguments: dict[str, Any]) -> None:
-    axes = context.images.get(arguments["photo"] or "", ImageAxes())
-    for name in ("x", "y"):
-        arguments[name] = row.number(name, required=True)
+    axes = context.axes_of(arguments["photo"] or "")
+    arguments |= {name: row.number(name, required=True) for name in ("x", "y")}
+    arguments["correlation"] = image_correlation(row, axes)
     if axes.y_down and arguments["y"] is not None:
         arguments["y"] = -arguments["y"]
     arguments["sigma"] = image_sigma(row, axes, context.sigma.get("image", {}))
@@ -489,6 +490,8 @@ def _image_record(found: ImagePoint, axes: ImageAxes) -> dict[str, str]:
     sx, sy = found.sigma if isinstance(found.sigma, tuple) else (found.sigma,) * 2
     y = -found.y if axes.y_down else found.y
     out = {"x": numbers.write_quantity(found.x), "y": numbers.write_quantity(y)}
+    if rho := -found.correlation if axes.y_down else found.correlation:
+        out["correlation"] = numbers.write_quantity(rho)
     if sx == sy:
         return out | {f"sigma_{axes.unit}": numbers.write_quantity(sx)}
     return out | {

@@ -13,28 +13,20 @@ import numpy as np
 from ..control_characters import problems_of_names
 from ..errors import Doubt, InputError, Problem, known
 from ..network.network import Network
-from ..observations import KINDS, Correlated, ImagePoint, Observation
-from ..types import Array
-from ..units import LENGTH
+from ..observations import KINDS, Observation
 from . import observation_records
+from .covariance_tables import CovarianceTable, image_correlation
 from .csv_tables import CsvTable, FieldRow
 from .observation_fields import (
-    ImageAxes,
     RecordContext,
-    is_angle,
-    is_in_image,
     known_fields,
     placeholder_sigma,
     sigma_fields,
+    signs_in_files,
 )
 from .unknowns_tables import check_columns
 
-IMAGE_COLUMNS = ("photo", "point", "x", "y", "id", *sigma_fields("image"))
-COVARIANCE_COLUMNS = (
-    *("cluster", "id", "component", "id2", "component2", "covariance_si"),
-    *(f"covariance_{u}2" for u in LENGTH),
-)
-
+IMAGE_COLUMNS = ("photo", "point", "x", "y", "id", *sigma_fields("image"), "correlation")
 TABLES_OF_OBSERVATIONS = ("observations", "images", "readings")
 """Tables of a project that have observations, or readings of which they are means."""
 DOUBT_COLUMNS = ("doubt", "where", "what", "id")
@@ -57,7 +49,24 @@ class ObservationsReader:
     complete: bool = True
     """Whether every row, or a stand-in with its names, is in the network."""
 
-    def observations(self, table: CsvTable, covariances: CsvTable | None) -> None:
+    def with_covariances(self, table: CsvTable | None, covariances: CsvTable | None) -> None:
+        """Read observations.csv, if there is one, and the covariances of it and of images.csv."""
+        matrices = CovarianceTable(covariances, self.problems) if covariances else None
+        if matrices is not None:
+            images = {
+                self.network.images.ids.get(row) or f"{o.photo}/{o.point}": row
+                for row, o in enumerate(self.network.image_points())
+            }
+            points = self.network.image_points()
+            axes = [self.context.axes_of(o.photo) for o in points]
+            for group in matrices.image_groups(images, signs_in_files(axes)):
+                self.network.images.join(group)
+        if table is not None:
+            self.observations(table, matrices)
+        elif matrices is not None:
+            matrices.join([])
+
+    def observations(self, table: CsvTable, matrices: CovarianceTable | None) -> None:
         """Read observations.csv, and the covariances between its rows."""
         before = len(self.problems)
         valid = check_columns(table, known_fields(), ("kind",), self.problems)
@@ -65,7 +74,6 @@ class ObservationsReader:
         if "kind" not in valid:
             return
         found: list[Observation] = []
-        matrices = _Covariances(covariances, self.problems) if covariances else None
         context = self.context
         if any(c.startswith(("sigma", "covariance")) and c not in valid for c in table.columns):
             # The header has the message; the stand-ins avoid one more for every row.
@@ -146,7 +154,7 @@ class ObservationsReader:
         stated = [n for n in table.columns if n.startswith("sigma") and n in valid]
         at_sigma = [column[n] for n in stated]
         at_photo, at_point, at_x, at_y = (column[n] for n in ("photo", "point", "x", "y"))
-        at_id = column.get("id")
+        at_id, at_rho = column.get("id"), column.get("correlation")
         sigma_of: dict[tuple[str, ...], tuple[float, float] | None] = {}
         unknown: dict[tuple[str, str], list[int]] = {}
         seen: dict[tuple[int, int], int] = {}
@@ -154,6 +162,7 @@ class ObservationsReader:
         points: list[int] = []
         xy: list[tuple[float, float]] = []
         sigmas: list[tuple[float, float]] = []
+        correlations: list[float] = []
         first, ids, sources = self.network.n_image_points, {}, {}
         for line, cells in table.rows:
             photo, point = photo_number.get(cells[at_photo]), point_number.get(cells[at_point])
@@ -167,7 +176,7 @@ class ObservationsReader:
                 x = y = np.nan
             if not isfinite(x + y) or "_" in cells[at_x] + cells[at_y]:
                 x, y = self._bad_image(table, line, cells)
-            axes = self.context.images.get(cells[at_photo], ImageAxes())
+            axes = self.context.axes_of(cells[at_photo])
             key = (axes.unit, cells[at_photo], *(cells[i] for i in at_sigma))
             if key not in sigma_of:
                 fields = {n: cells[i] for n, i in zip(stated, at_sigma, strict=True)}
@@ -199,23 +208,31 @@ class ObservationsReader:
             points.append(point)
             xy.append((x, -y if axes.y_down else y))
             sigmas.append(sigma_of[key] or (1.0, 1.0))
+            correlations.append(0.0)
+            if at_rho is not None and cells[at_rho]:
+                row = self._image_row(table, line, cells)
+                correlations[-1] = image_correlation(row, axes)
         self._unknown_names(table, unknown)
         self.network.images.append(
             np.array(photos, dtype=np.intp),
             np.array(points, dtype=np.intp),
             np.array(xy, dtype=float).reshape(-1, 2),
             np.array(sigmas, dtype=float).reshape(-1, 2),
+            np.array(correlations, dtype=float),
         )
         self.network.images.ids.update(ids)
         self.network.images.sources.update(sources)
 
     def _bad_image(self, table: CsvTable, line: int, cells: list[str]) -> tuple[float, float]:
-        fields = dict(zip(table.columns, cells, strict=True))
-        what = f"image point {fields['photo']}/{fields['point']}"
-        row = FieldRow(fields, table.where(line), self.problems, what)
+        row = self._image_row(table, line, cells)
         row.number("x", required=True)
         row.number("y", required=True)
         return 0.0, 0.0
+
+    def _image_row(self, table: CsvTable, line: int, cells: list[str]) -> FieldRow:
+        fields = dict(zip(table.columns, cells, strict=True))
+        what = f"image point {fields['photo']}/{fields['point']}"
+        return FieldRow(fields, table.where(line), self.problems, what)
 
     def _unknown_names(self, table: CsvTable, unknown: dict[tuple[str, str], list[int]]) -> None:
         """Note unknown names, each once with its lines."""
@@ -236,117 +253,6 @@ class ObservationsReader:
             self.problems.append(Problem(what, table.where(lines[0])))
 
 
-class _Covariances:
-    """Clusters of observations from covariances.csv."""
-
-    def __init__(self, table: CsvTable, problems: list[Problem]) -> None:
-        self.table = table
-        self.problems = problems
-        self.members: dict[str, list[str]] = {}
-        self.lines: dict[str, int] = {}
-        self.entries: dict[str, list[tuple[int, tuple[str, str], tuple[str, str], float]]] = {}
-        self.cluster_of: dict[str, str] = {}
-        columns = ("cluster", "id", "component", "id2", "component2")
-        valid = check_columns(table, COVARIANCE_COLUMNS, ("cluster", "id", "id2"), problems)
-        units = [f"{u}2" for u in LENGTH]
-        if not {"cluster", "id", "id2"} <= valid:
-            return
-        for line, fields in table.records():
-            row = FieldRow(fields, table.where(line), problems)
-            cluster, ident, component, ident2, component2 = (
-                row.text(c, required=not c.startswith("component")) or "" for c in columns
-            )
-            row.of = f"cluster {cluster!r}"
-            value = row.quantity("covariance", units)
-            if value is None:
-                value = row.number("covariance_si")
-            if value is None and not row.failed:
-                row.wrong("covariance_m2 (or another unit, or covariance_si) is missing")
-            if value is None or row.failed:
-                continue
-            self.lines.setdefault(cluster, line)
-            for name in (ident, ident2):
-                if self.cluster_of.setdefault(name, cluster) != cluster:
-                    row.wrong(f"observation {name!r} is in cluster {self.cluster_of[name]!r} too")
-                if name not in self.members.setdefault(cluster, []):
-                    self.members[cluster].append(name)
-            entry = (line, (ident, component), (ident2, component2), value)
-            self.entries.setdefault(cluster, []).append(entry)
-
-    def complete_sigma(self, ident: str, record: dict[str, object]) -> None:
-        """Give a member without a standard deviation the variances of its cluster."""
-        cluster = self.cluster_of.get(ident)
-        kind = str(record.get("kind", ""))
-        if cluster is None or kind not in KINDS:
-            return
-        if any(f in record for f in sigma_fields(kind)):
-            return
-        unit = "image" if is_in_image(kind) else "rad" if is_angle(kind) else "m"
-        for _, a, b, value in self.entries[cluster]:
-            if a == b and a[0] == ident and value > 0:
-                axis = f"_{a[1]}" if a[1] else ""
-                record[f"sigma{axis}_{unit}"] = repr(float(np.sqrt(value)))
-
-    def join(self, found: list[Observation]) -> list[Observation | Correlated]:
-        """Return the observations; each cluster takes the place of its first member."""
-        by_id = {o.id: o for o in found if o.id is not None}
-        out: list[Observation | Correlated] = []
-        done: set[str] = set()
-        for o in found:
-            cluster = self.cluster_of.get(o.id or "")
-            if cluster is None:
-                out.append(o)
-            elif cluster not in done:
-                done.add(cluster)
-                out.extend(self._cluster(cluster, by_id))
-        for cluster in self.members:
-            if cluster not in done:
-                self._cluster(cluster, by_id)
-        return out
-
-    def _cluster(
-        self, cluster: str, by_id: dict[str, Observation]
-    ) -> list[Observation | Correlated]:
-        where = f"{self.table.where(self.lines[cluster])}: cluster {cluster!r}"
-        unknown = [n for n in self.members[cluster] if n not in by_id]
-        members = [by_id[n] for n in self.members[cluster] if n in by_id]
-        if unknown:
-            there = known(by_id, meant=unknown[0])
-            what = f"unknown id {', '.join(map(repr, unknown))}; known: {there}"
-            self.problems.append(Problem(what, where))
-            return list(members)
-        place: dict[tuple[str | None, str], int] = {}
-        for o in members:
-            for component in _components(o):
-                place[o.id, component] = len(place)
-        matrix = np.full((len(place), len(place)), np.nan)
-        bad = False
-        for line, a, b, value in self.entries[cluster]:
-            for name, component in (a, b):
-                if (name, component) not in place:
-                    bad = True
-                    every = [c or "(empty)" for c in _components(by_id[name])]
-                    valid = known(every, meant=component)
-                    what = f"unknown component {component!r} of {name!r}; valid: {valid}"
-                    at = f"{self.table.where(line)}: cluster {cluster!r}"
-                    self.problems.append(Problem(what, at))
-            if not bad:
-                matrix[place[a], place[b]] = value
-        if bad:
-            return list(members)
-        matrix = _symmetric(matrix)
-        missing = [k for k, i in place.items() if np.isnan(matrix[i, i])]
-        if missing:
-            what = "the variance is missing of " + known(f"{i} {c}".strip() for i, c in missing)
-            self.problems.append(Problem(what, where))
-            return list(members)
-        try:
-            return [Correlated(tuple(members), np.nan_to_num(matrix, nan=0.0))]
-        except InputError as error:
-            self.problems.extend(Problem(p.what, where) for p in error.problems)
-            return list(members)
-
-
 def _problems_once(problems: Sequence[Problem]) -> list[Problem]:
     """Return problems of which those with the same text, such as an unknown name, are one.
 
@@ -361,16 +267,6 @@ def _problems_once(problems: Sequence[Problem]) -> list[Problem]:
         also = f" (and in {more} more observation{'s' * (more > 1)})" if more else ""
         out.append(replace(own[0], what=what + also))
     return out
-
-
-def _symmetric(matrix: Array) -> Array:
-    """Fill entries whose mirrored entry alone is stated."""
-    return np.where(np.isnan(matrix), matrix.T, matrix)
-
-
-def _components(o: Observation) -> tuple[str, ...]:
-    """Return the names of the scalar components as written in covariances.csv."""
-    return () if isinstance(o, ImagePoint) else o.component_names()
 
 
 def without_observations(path: Path, found: Collection[str], stated: bool) -> str:

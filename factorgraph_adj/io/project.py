@@ -188,10 +188,7 @@ def load_project(
     observations = ObservationsReader(network, context, problems, reader.unreadable, readings)
     if found_tables.get("images") is not None:
         observations.images(cast(CsvTable, found_tables["images"]))
-    if found_tables.get("observations") is not None:
-        observations.observations(
-            cast(CsvTable, found_tables["observations"]), found_tables.get("covariances")
-        )
+    observations.with_covariances(found_tables.get("observations"), found_tables.get("covariances"))
     if found_tables.get("doubts") is not None:
         observations.doubts(cast(CsvTable, found_tables["doubts"]))
     stated = _table(document, "readings", path.name, problems)

@@ -24,12 +24,18 @@ from ..rotation import TURN_ABOUT_X, omega_phi_kappa, world_R_camera
 from ..types import Array
 from ..units import LENGTH
 from . import numbers, observation_records
+from .covariance_tables import COVARIANCE_COLUMNS, covariance_records
 from .crs_section import crs_section_lines
 from .csv_tables import write_table
 from .file_transaction import write_files
 from .numbers import Units
-from .observation_fields import ImageAxes, combine_fields, observation_columns, sigma_fields
-from .observation_tables import COVARIANCE_COLUMNS, DOUBT_COLUMNS, IMAGE_COLUMNS
+from .observation_fields import (
+    ImageAxes,
+    combine_fields,
+    observation_columns,
+    sigma_fields,
+)
+from .observation_tables import DOUBT_COLUMNS, IMAGE_COLUMNS
 from .parameter_tables import parameter_columns, parameter_records, parameter_table
 from .unknowns_tables import (
     ATTITUDE_COLUMNS,
@@ -260,7 +266,7 @@ def network_files(
         ("photos", PHOTO_COLUMNS, (photo_record(f, units) for f in network.photos.values())),
         ("images", IMAGE_COLUMNS, _images(network)),
         ("observations", observation_columns(), iter(observations)),
-        ("covariances", COVARIANCE_COLUMNS, _covariances(network)),
+        ("covariances", COVARIANCE_COLUMNS, covariance_records(network)),
         ("doubts", DOUBT_COLUMNS, _doubts(network)),
         *(
             (parameter_table(k).file, parameter_columns(k), _parameters(network, k, units))
@@ -427,6 +433,7 @@ def _images(network: Network) -> Records:
     unit = [c.unit for c in cameras]
     up = [-1.0 if c.y_down_in_files else 1.0 for c in cameras]
     photo, point, xy, sigma = (c.tolist() for c in network.images.columns())
+    correlation = network.images.correlation.tolist()
     written = {s: numbers.write_quantity(s) for s in {s for pair in sigma for s in pair}}
     for row, (f, p, (x, y), (sx, sy)) in enumerate(zip(photo, point, xy, sigma, strict=True)):
         out = {"photo": photos[f], "point": points[p], "x": repr(x), "y": repr(up[f] * y)}
@@ -434,6 +441,8 @@ def _images(network: Network) -> Records:
             out[f"sigma_{unit[f]}"] = written[sx]
         else:
             out[f"sigma_x_{unit[f]}"], out[f"sigma_y_{unit[f]}"] = written[sx], written[sy]
+        if rho := correlation[row]:
+            out["correlation"] = numbers.write_quantity(up[f] * rho)
         ident = network.images.ids.get(row)
         yield out if ident is None else out | {"id": ident}
 
@@ -446,27 +455,6 @@ def _observations(network: Network, units: Units) -> Records:
 
 def _camera_of(network: Network, photo: str) -> Camera:
     return network.cameras[network.photos[photo].camera]
-
-
-def _covariances(network: Network) -> Records:
-    for number, (ids, covariance) in enumerate(network.clusters, start=1):
-        members = [(i, c) for i in ids for c in network.observations[i].component_names()]
-        for i, (id1, c1) in enumerate(members):
-            for j, (id2, c2) in enumerate(members):
-                value = float(covariance[i, j])
-                mirrored = float(covariance[j, i])
-                if j < i and value == mirrored:
-                    continue
-                if value == 0 and mirrored == 0 and i != j:
-                    continue
-                yield {
-                    "cluster": str(number),
-                    "id": id1,
-                    "component": c1,
-                    "id2": id2,
-                    "component2": c2,
-                    "covariance_si": numbers.write_quantity(value),
-                }
 
 
 def _doubts(network: Network) -> Records:

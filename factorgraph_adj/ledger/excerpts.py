@@ -85,7 +85,6 @@ class _Excerpt:
             self._point(name)
         for name in poses:
             self._photo(name)
-        insert_units(out, units)
         out.images = rows.table(rays)
         for column, all_names, number_of in (
             (out.images.photo, names.photos, out.photo_number),
@@ -94,6 +93,7 @@ class _Excerpt:
             every, place = np.unique(column[0], return_inverse=True)
             new = np.array([number_of[all_names[i]] for i in every.tolist()], dtype=np.intp)
             column[0] = new[place]
+        insert_units(out, units)
         for kind in (k.name for k in parameter_kinds() if k.absent == "found"):
             found, given = out.of_kind(kind), network.of_kind(kind)
             for key in found:

@@ -232,6 +232,8 @@ def _images(after: Ledger, changed: Index, first: int) -> list[dict[str, Any]]:
             record["cause"] = cause
         if is_new:
             record |= {"xy": rows.xy[mine].tolist(), "sigma": rows.sigma[mine].tolist()}
+            if rows.correlation[mine].any():
+                record["correlation"] = rows.correlation[mine].tolist()
             sources = rows.room.sources
             given = {str(i): sources[r] for i, r in enumerate(mine) if r in sources}
             record |= {"sources": given} if given else {}
@@ -391,7 +393,8 @@ def _replay_images(ledger: Ledger, record: Mapping[str, Any], where: str) -> Led
         table = ImageTable()
         xy, sigma = (np.array(record[c], dtype=float) for c in ("xy", "sigma"))
         of_photo = np.full(len(points), names.photo[photo], dtype=np.intp)
-        table.append(of_photo, np.array(points, dtype=np.intp), xy, sigma)
+        rho = np.array(record["correlation"], dtype=float) if "correlation" in record else None
+        table.append(of_photo, np.array(points, dtype=np.intp), xy, sigma, rho)
         table.ids = {int(i): name for i, name in record.get("ids", {}).items()}
         table.sources = {int(i): name for i, name in record.get("sources", {}).items()}
         ledger, rows = ledger.with_images(table, "journal")

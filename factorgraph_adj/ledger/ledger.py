@@ -81,9 +81,11 @@ class Ledger:
             elif (ids := group[ident][0])[0] not in units:
                 found = tuple(named(network.observations[i], i) for i in ids)
                 units[ids[0]] = found, group[ident][1]
-        made = Unit.of_each(network, list(units.values()))
+        joint = [(group.observations, group.covariance) for group in network.image_groups()]
+        made = Unit.of_each(network, [*units.values(), *joint])
         rows = RowStore().with_more(RowColumns.of_units(made), "accepted")
-        rows = rows.with_more(RowColumns(network.images), "accepted")
+        table = network.images.kept(~network.images.is_joint) if joint else network.images
+        rows = rows.with_more(RowColumns(table), "accepted")
         number = number_beyond([*network.observations, *network.images.ids.values()])
         return cls(bare, Names.of(bare), rows, next=number)
 
@@ -188,7 +190,8 @@ class Ledger:
         is_ray = np.array([isinstance(item, ImagePoint) for item in items], dtype=bool)
         table = ImageTable()
         if is_ray.any():
-            table = self._table([o for o in items if isinstance(o, ImagePoint)])
+            rays = [o for o in items if isinstance(o, ImagePoint)]
+            table = ImageTable.of(rays, self.names.photo, self.names.point)
         groups = [
             (_members(o), np.asarray(o.covariance) if isinstance(o, Correlated) else None)
             for o in items
@@ -198,10 +201,10 @@ class Ledger:
         ledger = replace(
             self, rows=self.rows.with_more(RowColumns.of_units(units), "waiting", self.clock)
         )
-        ledger, rays = ledger.with_images(table, cause)
+        ledger, of_rays = ledger.with_images(table, cause)
         n = self.rows.n
         rows = np.empty(len(items), dtype=np.intp)
-        rows[~is_ray], rows[is_ray] = n + np.arange(len(units)), rays
+        rows[~is_ray], rows[is_ray] = n + np.arange(len(units)), of_rays
         for row, item in zip(rows.tolist(), items, strict=True):
             if isinstance(item, ImagePoint):
                 ledger.rows.note_image(self.network, row, item)
@@ -213,18 +216,6 @@ class Ledger:
         ledger = replace(self, rows=self.rows.with_more(RowColumns(table), "waiting", self.clock))
         rows = n + np.arange(table.size)
         return ledger.moved(rows, "waiting", cause), rows
-
-    def _table(self, rays: Sequence[ImagePoint]) -> ImageTable:
-        out, names = ImageTable(), self.names
-        out.append(
-            np.array([names.photo[o.photo] for o in rays], dtype=np.intp),
-            np.array([names.point[o.point] for o in rays], dtype=np.intp),
-            np.array([(o.x, o.y) for o in rays], dtype=float),
-            np.array([np.broadcast_to(np.asarray(o.sigma, dtype=float), 2) for o in rays]),
-        )
-        out.ids = {i: o.id for i, o in enumerate(rays) if o.id is not None}
-        out.sources = {i: o.source for i, o in enumerate(rays) if o.source is not None}
-        return out
 
     def _refuse(self, observations: Sequence[AnyObservation]) -> None:
         """Refuse invalid observations, all together."""
@@ -278,9 +269,13 @@ class Ledger:
     def _measured(self, photo: str) -> set[str]:
         """Return the points that are measured in a photo, without rejected image points."""
         status, number = self.rows.status, self.names.photo[photo]
-        there = (self.rows.photo == number) & (status != REMOVED)
-        there &= status != OUTCOMES.index("rejected")
-        return {self.names.points[p] for p in self.rows.point[there].tolist()}
+        gone = (REMOVED, OUTCOMES.index("rejected"))
+        there = (self.rows.photo == number) & ~np.isin(status, gone)
+        out = {self.names.points[p] for p in self.rows.point[there].tolist()}
+        for row in self.rows.room.joint_images:
+            if row < len(status) and status[row] not in gone:
+                out |= {o.points()[0] for o in self.unit(row).observations if photo in o.photos()}
+        return out
 
     # -- changes ------------------------------------------------------------------------------
 
@@ -469,8 +464,8 @@ class Ledger:
         out = self.network.copy()
         if self.retired is not None:
             self.retired.state_found(out)
-        insert_units(out, (unit for _, unit in self.rows.units(inside)))
         out.images = self.rows.table(self.rows.images(inside))
+        insert_units(out, (unit for _, unit in self.rows.units(inside)))
         return out
 
 

@@ -116,6 +116,9 @@ def insert_units(network: Network, units: Iterable[Unit]) -> None:
     every: list[Observation] = []
     for unit in units:
         every += unit.observations
+        if unit.covariance is not None and isinstance(unit.observations[0], ImagePoint):
+            network.join_image_points(Correlated(unit.observations, unit.covariance))
+            continue
         for ident, o in zip(unit.ids, unit.observations, strict=True):
             if isinstance(o, ImagePoint):
                 network.insert(o)
@@ -183,9 +186,10 @@ class RowColumns:
 
     def __init__(self, table: ImageTable | None = None) -> None:
         """Take over image points."""
-        self.columns: list[Any] = [c.copy() for c in (table or ImageTable()).columns()]
-        """Numbers of photo and point, coordinates, standard deviations, and when each arrived,
-        (n, …) each."""
+        given = table or ImageTable()
+        self.columns: list[Any] = [c.copy() for c in (*given.columns(), given.correlation)]
+        """Numbers of photo and point, coordinates, standard deviations, correlations, and when each
+        arrived, (n, …) each."""
         self.used = len(self.columns[0])
         self.columns.append(np.zeros(self.used, dtype=np.intp))
         self.ids: dict[int, str] = dict(table.ids) if table else {}
@@ -196,6 +200,8 @@ class RowColumns:
         """Observations and groups by row."""
         self.rows: dict[str, list[int]] = {}
         """Rows by all ids except photo/point, the latest last."""
+        self.joint_images: list[int] = []
+        """Rows of units that are image points with a joint covariance."""
         self.made: dict[int, Unit] = {}
         """Image points that have been made into units since the last line of the journal."""
         for row, ident in self.ids.items():
@@ -208,7 +214,8 @@ class RowColumns:
         out, n = cls(), len(found)
         nobody = np.full(n, NO_PHOTO, dtype=np.intp)
         nothing = np.zeros((n, 2))
-        out.columns = [nobody, nobody.copy(), nothing, nothing.copy(), np.zeros(n, dtype=np.intp)]
+        pairs = [nothing, nothing.copy(), np.zeros(n)]
+        out.columns = [nobody, nobody.copy(), *pairs, np.zeros(n, dtype=np.intp)]
         out.used = n
         out._name(0, dict(enumerate(found)), {}, {})
         return out
@@ -224,6 +231,8 @@ class RowColumns:
             self.rows.setdefault(ident, []).append(n + row)
         for row, unit in units.items():
             self.units[n + row] = unit
+            if isinstance(unit.observations[0], ImagePoint):
+                self.joint_images.append(n + row)
             for ident in unit.ids:
                 self.rows.setdefault(ident, []).append(n + row)
 
@@ -294,9 +303,14 @@ class RowStore:
         return np.asarray(self.room.columns[3][: self.n])
 
     @property
+    def correlation(self) -> Array:
+        """Correlations of both coordinates, (n,)."""
+        return np.asarray(self.room.columns[4][: self.n])
+
+    @property
     def arrived(self) -> Index:
         """Number of the command with which each row arrived, (n,)."""
-        return np.asarray(self.room.columns[4][: self.n])
+        return np.asarray(self.room.columns[5][: self.n])
 
     def having(self, outcome: Outcome) -> Index:
         """Return the rows that have an outcome."""
@@ -319,7 +333,7 @@ class RowStore:
 
     def with_more(self, more: RowColumns, outcome: Outcome, arrived: int = 0) -> RowStore:
         """Return the table with more rows."""
-        more.columns[4][: more.used] = arrived
+        more.columns[5][: more.used] = arrived
         status = np.full(self.n + more.used, OUTCOME_CODE[outcome], dtype=np.int8)
         status[: self.n] = self.status
         return replace(self, status=status, room=self.room.appended(self.n, more))
@@ -365,7 +379,8 @@ class RowStore:
     def table(self, rows: Index) -> ImageTable:
         """Return image points as a table of a network."""
         out = ImageTable()
-        out.append(self.photo[rows], self.point[rows], self.xy[rows], self.sigma[rows])
+        measured = self.xy[rows], self.sigma[rows], self.correlation[rows]
+        out.append(self.photo[rows], self.point[rows], *measured)
         for given, found in ((self.room.ids, out.ids), (self.room.sources, out.sources)):
             if given:
                 found |= {i: given[r] for i, r in enumerate(rows.tolist()) if r in given}
@@ -422,7 +437,9 @@ class RowStore:
         photo, point = names.photos[self.photo[row]], names.points[self.point[row]]
         (x, y), (sx, sy) = self.xy[row].tolist(), self.sigma[row].tolist()
         own, source = self.room.ids.get(row), self.room.sources.get(row)
-        o = ImagePoint(photo, point, x, y, sigma=(sx, sy), id=own, source=source)
+        rho = float(self.correlation[row])
+        named = {"id": own, "source": source}
+        o = ImagePoint(photo, point, x, y, sigma=(sx, sy), correlation=rho, **named)
         return self.note_image(network, row, o)
 
     def note_image(self, network: Network, row: int, o: ImagePoint) -> Unit:

@@ -235,7 +235,7 @@ class Draft:
         most = EFFORT.most
         if doubted:
             most = min(max(EFFORT.few, EFFORT.work // n), EFFORT.most)
-        start, slow = self.start, bool(self.equations.rays)
+        start, slow = self.start, bool(self.equations.images)
         for tolerance in (tolerances[0], *tolerances) if slow else tolerances:
             try:
                 solution = adjust_from_start(

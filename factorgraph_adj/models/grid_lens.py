@@ -77,6 +77,11 @@ class GridLens(Lens):
         dx, dy = self.corrections(x, y)
         return self.base.partials(tx, ty, x + dx, y + dy, k, jacobians=jacobians)
 
+    @property
+    def in_ideal_coordinates(self) -> GridLens:
+        """The grid before the lens with residuals in ideal coordinates."""
+        return replace(self, base=self.base.in_ideal_coordinates)
+
     def towards_ideal(self, x: Array, y: Array, k: Array) -> Pair:
         """Return differences of measured coordinates turned back, see `Lens.towards_ideal`."""
         return self.base.towards_ideal(x, y, k)

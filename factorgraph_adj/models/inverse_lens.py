@@ -33,6 +33,7 @@ def tangents(lens: Lens, xy: Array, calibration: Array) -> Array:
         xy: measured coordinates, (n, 2), image units.
         calibration: parameters of the lens model, (n, k) or (1, k).
     """
+    lens = lens.in_ideal_coordinates
     c = calibration[:, :1]
 
     def ideal(measured: Array) -> Array:
@@ -196,6 +197,7 @@ def rays_and_partials(lens: Lens, xy: Array, k: Array) -> tuple[Array, Array]:
         d, _, by_p, by_k = _seen(lens, _on_sphere(lens, xy, k), xy, k)
         across = _across(d)
         return d, np.asarray(-across @ _solved(by_p @ across, by_k))
+    lens = lens.in_ideal_coordinates
     t = (xy - k[:, 1:3]) / k[:, :1]
     by_t, by_k = np.zeros((0, 2, 2)), np.zeros((0, 2, 0))
     for _ in range(LENS_ITERATIONS):

@@ -7,8 +7,7 @@ y up, in image units, with c the principal distance and (x0, y0) the principal p
 Two directions exist:
 
 - measured → ideal: corrections are functions of the measured coordinates,
-  v = c t − corrected(x − x0, y − y0). Unlike eq. 18 of El-Hakim & Faig, the weight stays that
-  of the measured coordinates (B = I), as in all programs with this model.
+  w = c t − corrected(x − x0, y − y0), see `CorrectingLens`.
 - ideal → measured: v = x0 + distorted(c t) − x.
 
 These models have no image of a ray at 90° to the axis. Models of `ray_lens` take the ray itself.
@@ -17,7 +16,7 @@ These models have no image of a ray at 90° to the axis. Models of `ray_lens` ta
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass, replace
 from typing import ClassVar, Literal, NamedTuple, TypeAlias
 
 import numpy as np
@@ -25,6 +24,9 @@ import numpy as np
 from ..errors import InputError
 from ..types import Array
 from .base import require
+from .measured_coordinates import Correction as Correction
+from .measured_coordinates import Pair as Pair
+from .measured_coordinates import measured_residuals
 
 IN_FOCAL_PLANE = "the point lies in the focal plane of the photo: it has no image"
 
@@ -32,11 +34,6 @@ Ray: TypeAlias = tuple[Array, Array, Array]
 """Components p of rays in the axes of the camera (x right, y down, z ahead), (n,) each."""
 LensResult: TypeAlias = tuple[Array, Array | None, Array | None]
 """v (n, 2); ∂v/∂t (n, 2, 2) and ∂v/∂K (n, 2, k), or None if not requested."""
-Correction: TypeAlias = tuple[Array, Array, tuple[Array, ...], list[tuple[Array, Array]]]
-"""dV_x, dV_y (n,), ∂dV_x/∂x̄, ∂dV_x/∂ȳ, ∂dV_y/∂x̄, ∂dV_y/∂ȳ, and pairs of partials of dV_x and dV_y
-by each additional parameter; no partials where none are asked for."""
-Pair: TypeAlias = tuple[Array | float, Array | float]
-"""Partials of v_x and v_y, (n,) each; a number where all of them are equal."""
 
 
 class LensPartials(NamedTuple):
@@ -142,6 +139,11 @@ class Lens:
         """
         return x, y
 
+    @property
+    def in_ideal_coordinates(self) -> Lens:
+        """The model with residuals in ideal coordinates, where it can choose; else itself."""
+        return self
+
     def residual(
         self, tx: Array, ty: Array, xy: Array, k: Array, *, jacobians: bool = True
     ) -> LensResult:
@@ -176,6 +178,43 @@ def _joined(pairs: Sequence[Pair], n: int) -> Array:
 
 NoDistortion = Lens
 """Pinhole: c, x0, y0."""
+
+
+@dataclass(frozen=True)
+class CorrectingLens(Lens):
+    """Base of the models measured → ideal: w(l) = c t − corrected(l − l0) for measured l = (x, y).
+
+    Residuals in measured coordinates are v = l̂ − l with w(l̂) = 0, so that Σ is that of measured
+    coordinates: the least squares of the model with conditions, w + B v = 0 with B = −∂w/∂l at l̂.
+    To the first order their weights are those of eqs. 18 and 20 of El-Hakim & Faig (1981),
+    v = B⁻¹ w and vᵀ Σ⁻¹ v = wᵀ (B Σ Bᵀ)⁻¹ w. Residuals in ideal coordinates are v = w(l), and Σ is
+    taken as that of corrected coordinates (B = I), as other programs with such a model do.
+
+    A ray for which l̂ is not found, far outside the image, has a residual in ideal coordinates.
+    """
+
+    _: KW_ONLY
+    residuals: Literal["measured", "ideal"] = "measured"
+    """Coordinates in which residuals are formed and σ are stated."""
+
+    def __post_init__(self) -> None:
+        """Check the option."""
+        if self.residuals not in ("measured", "ideal"):
+            raise InputError(f"residuals must be measured or ideal, not {self.residuals!r}")
+
+    @property
+    def in_ideal_coordinates(self) -> Lens:
+        """The model with residuals in ideal coordinates."""
+        return self if self.residuals == "ideal" else replace(self, residuals="ideal")
+
+    def partials(
+        self, tx: Array, ty: Array, x: Array, y: Array, k: Array, *, jacobians: bool = True
+    ) -> LensPartials:
+        """Return v and its partials, see `Lens.partials`."""
+        if self.residuals == "ideal":
+            return super().partials(tx, ty, x, y, k, jacobians=jacobians)
+        found = measured_residuals(self._correction, tx, ty, x, y, k, jacobians=jacobians)
+        return LensPartials(*found)
 
 
 def brown_terms(
@@ -217,7 +256,7 @@ def with_affinity(found: Correction, x: Array, y: Array, b1: Array, b2: Array) -
 
 
 @dataclass(frozen=True)
-class BrownLens(Lens):
+class BrownLens(CorrectingLens):
     """Brown, measured → ideal: radial k1..k3, decentring p1, p2, affinity b1, shear b2.
 
     With a = (x̄, ȳ): corrected = a + brown(a). The affinity (x, y) → (x(1 + b1) + b2 y, y) acts
@@ -229,7 +268,8 @@ class BrownLens(Lens):
     """Whether the affinity acts before or after radial and decentring terms."""
 
     def __post_init__(self) -> None:
-        """Check the option."""
+        """Check the options."""
+        super().__post_init__()
         if self.affine not in ("before", "after"):
             raise InputError(f"affine must be before or after, not {self.affine!r}")
 
@@ -388,7 +428,7 @@ class BalancedLens(ForwardLens):
 
 
 @dataclass(frozen=True)
-class AffineLens(Lens):
+class AffineLens(CorrectingLens):
     """Affine deformation of film or sensor, measured → ideal: dV = (b1 x̄ + b2 ȳ, 0)."""
 
     kind: ClassVar[str] = "affine"
@@ -405,7 +445,7 @@ class AffineLens(Lens):
 
 
 @dataclass(frozen=True)
-class HarmonicLens(Lens):
+class HarmonicLens(CorrectingLens):
     """El-Hakim & Faig's harmonic function, measured → ideal: dV = (x̄, ȳ)·T. Eqs. 2 and 3.
 
     T = a00 + a11 cosλ + b11 sinλ + a20 ρ + a22 ρ cos2λ + b22 ρ sin2λ + a31 ρ² cosλ
@@ -420,7 +460,8 @@ class HarmonicLens(Lens):
     """Radius by which r is divided, image units."""
 
     def __post_init__(self) -> None:
-        """Check the option."""
+        """Check the options."""
+        super().__post_init__()
         if not self.reference_radius > 0:
             raise InputError(f"reference_radius must be positive, not {self.reference_radius}")
 

@@ -7,9 +7,9 @@ from typing import ClassVar
 
 from ..types import Array
 from .lens import (
+    CorrectingLens,
     Correction,
     ForwardLens,
-    Lens,
     LensPartials,
     NormalisedLens,
     Pair,
@@ -105,7 +105,7 @@ class FraserNormalisedLens(NormalisedLens):
 
 
 @dataclass(frozen=True)
-class CentredBrownLens(Lens):
+class CentredBrownLens(CorrectingLens):
     """Brown, measured → ideal, about a centre of distortion beside the principal point.
 
     With a = (x̄, ȳ) from the principal point and q = a − (xd, yd): corrected = a + brown(q) +

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..types import Array
-from .lens import Correction, Lens
+from .lens import CorrectingLens, Correction
 
 
 class Product(NamedTuple):
@@ -112,7 +112,7 @@ def _renamed(m: int, names: Mapping[str, str]) -> dict[str, Term]:
 
 
 @dataclass(frozen=True)
-class OrthogonalLens(Lens):
+class OrthogonalLens(CorrectingLens):
     """Base of the orthogonal sets, measured → ideal: dV = Σ a_k (t_kx, t_ky)(x̄/b, ȳ/b).
 
     Terms t are dimensionless, so that every parameter a is in image units. A published
@@ -131,7 +131,8 @@ class OrthogonalLens(Lens):
     points all over the image."""
 
     def __post_init__(self) -> None:
-        """Check the option."""
+        """Check the options."""
+        super().__post_init__()
         if not (np.isfinite(self.image_base) and self.image_base > 0):
             raise InputError(f"image_base must be positive, not {self.image_base}")
 

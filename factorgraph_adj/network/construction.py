@@ -353,15 +353,17 @@ def checked_image_points(
     xy: Array,
     *,
     sigma: float | Sequence[float] | Array,
+    correlation: float | Array,
     known_points: Mapping[str, int],
-) -> tuple[Array, Array]:
-    """Return coordinates and standard deviations, (n, 2) each, of image points of one photo.
+) -> tuple[Array, Array, Array]:
+    """Return coordinates and σ, (n, 2) each, and correlations (n,) of image points of one photo.
 
     Arguments and errors are those of `Network.add_image_points`.
     """
     where = f"photo {photo!r}"
     measured = np.array(xy, dtype=float).reshape(-1, 2)
     weights = np.array(np.broadcast_to(np.asarray(sigma, dtype=float), measured.shape))
+    rho = np.array(np.broadcast_to(np.asarray(correlation, dtype=float), len(measured)))
     if len(measured) != len(points):
         raise InputError(Problem(f"{len(points)} points but {len(measured)} rows", where))
     problems = [
@@ -376,13 +378,14 @@ def checked_image_points(
         (~np.isfinite(measured).all(axis=1), "coordinates must be finite numbers"),
         (~(weights > 0).all(axis=1), "sigma must be greater than zero"),
         (~np.isfinite(weights).all(axis=1), "sigma must be a finite number"),
+        (~(np.abs(rho) < 1), "correlation must be between −1 and 1"),
     ):
         problems += [
             Problem(what, f"image point {photo}/{points[i]}") for i in np.flatnonzero(bad).tolist()
         ]
     if problems:
         raise InputError(problems)
-    return measured, weights
+    return measured, weights, rho
 
 
 def refuse_duplicate(name: str, names: Mapping[str, object], what: str) -> None:

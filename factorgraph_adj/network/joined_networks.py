@@ -297,13 +297,9 @@ def _photos(out: Network, network: Network, label: str, problems: list[Problem])
         out.photos[name] = photo
     if not network.n_image_points:
         return
-    photos, points, xy, sigma = network.images.columns()
     of_photo = np.array([out.photo_number[n] for n in network.photos], dtype=np.intp)
     of_point = np.array([out.point_number[n] for n in network.points], dtype=np.intp)
-    begin = out.images.size
-    out.images.append(of_photo[photos], of_point[points], xy, sigma)
-    out.images.ids |= {begin + row: i for row, i in network.images.ids.items()}
-    out.images.sources |= {begin + row: s for row, s in network.images.sources.items()}
+    out.images.take_over(network.images, of_photo, of_point)
 
 
 def _parameters(

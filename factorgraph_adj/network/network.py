@@ -6,7 +6,7 @@ Each call that adds something checks the names, so that the error is raised wher
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
 from typing import Any, Literal, TypeAlias, get_args
 
@@ -14,7 +14,15 @@ import numpy as np
 
 from ..control_characters import one_line
 from ..crs.reference_system import ReferenceSystem, reference_system
-from ..entities import FREE_ORIENTATION, Camera, ImageTable, Origin, Parameter, Photo, Point
+from ..entities import (
+    FREE_ORIENTATION,
+    Camera,
+    ImageTable,
+    Origin,
+    Parameter,
+    Photo,
+    Point,
+)
 from ..errors import Doubt, InputError, LeftOut, Problem, UnknownLeftOut, known
 from ..frames import Frame, LocalFrame
 from ..models.lens import Lens
@@ -22,23 +30,23 @@ from ..models.rolling_shutter import Towards
 from ..models.unknown_registry import UNKNOWNS, VariableKind, parameter_kinds
 from ..observations import AnyObservation, Correlated, ImagePoint, Observation
 from ..result_display import Rows, Shown
-from ..types import Array, Mask
+from ..types import Array
 from .composite_unknowns import RIGID, member_of_rig
 from .construction import (
     checked_camera,
-    checked_image_points,
     checked_photo,
     checked_point,
     refuse_duplicate,
     required,
 )
+from .image_points import MeasuredImages
 from .stated_unknowns import StatedUnknowns
 
 DatumChoice: TypeAlias = Literal["given", "free"]
 """Datum from control points and from held and weighted unknowns (given), or a free network."""
 
 
-class Network(StatedUnknowns, Shown):
+class Network(MeasuredImages, StatedUnknowns, Shown):
     """Points, cameras, photos and observations in one frame.
 
     Example:
@@ -325,61 +333,15 @@ class Network(StatedUnknowns, Shown):
             raise InputError(problems)
         ids: list[str] = []
         for item in observations:
-            if isinstance(item, Correlated):
+            if not isinstance(item, Correlated):
+                ids.append(self.insert(item))
+            elif isinstance(item.observations[0], ImagePoint):
+                ids += self.join_image_points(item)
+            else:
                 group = [self.insert(o) for o in item.observations]
                 self.clusters.append((tuple(group), np.asarray(item.covariance, dtype=float)))
-                ids.extend(group)
-            else:
-                ids.append(self.insert(item))
+                ids += group
         return ids
-
-    def add_image_points(
-        self,
-        photo: str,
-        points: Sequence[str],
-        xy: Array,
-        *,
-        sigma: float | Sequence[float] | Array,
-    ) -> None:
-        """Add image coordinates of many points in one photo.
-
-        Args:
-            photo: name of the photo.
-            points: n names.
-            xy: measured coordinates, (n, 2), image units, x right, y up.
-            sigma: one standard deviation, two for x and y, or (n, 2).
-        """
-        where = f"photo {photo!r}"
-        required(photo, self.photos, "photo", where)
-        measured, weights = checked_image_points(
-            photo, points, xy, sigma=sigma, known_points=self.point_number
-        )
-        number = np.array([self.point_number[p] for p in points], dtype=np.intp)
-        of_photo = np.full(len(points), self.photo_number[photo], dtype=np.intp)
-        self.images.append(of_photo, number, measured, weights)
-
-    @property
-    def n_image_points(self) -> int:
-        """Number of image points."""
-        return self.images.size
-
-    def image_points(self) -> Iterator[ImagePoint]:
-        """Iterate over the image points as observations."""
-        photos, points = list(self.photos), list(self.points)
-        for row, (f, p, xy, s) in enumerate(zip(*self.images.columns(), strict=True)):
-            yield ImagePoint(
-                photos[f],
-                points[p],
-                float(xy[0]),
-                float(xy[1]),
-                sigma=(float(s[0]), float(s[1])),
-                id=self.images.ids.get(row),
-                source=self.images.sources.get(row),
-            )
-
-    def image_mask(self, keep: Mask) -> None:
-        """Keep only the image points with ``keep`` (n,) true."""
-        self.images = self.images.kept(keep)
 
     def copy(self) -> Network:
         """Return an independent network that shares the frozen entities of this network."""
@@ -449,12 +411,7 @@ class Network(StatedUnknowns, Shown):
         """Add an observation whose names have been checked; return its id."""
         ident = o.id
         if isinstance(o, ImagePoint):
-            row = self.images.size
-            self.add_image_points(o.photo, [o.point], np.array([[o.x, o.y]]), sigma=o.sigma)
-            if ident is not None:
-                self.images.ids[row] = ident
-            if o.source is not None:
-                self.images.sources[row] = o.source
+            self.images.take_over(ImageTable.of([o], self.photo_number, self.point_number))
             return ident or f"{o.photo}/{o.point}"
         if ident is None:
             while str(self._next_id) in self.observations:

@@ -21,19 +21,22 @@ AnyObservation: TypeAlias = "Observation | Correlated"
 
 @dataclass(frozen=True)
 class Correlated(metaclass=ChecksArguments):
-    """Observations with one joint covariance (GNSS clusters, control with covariance)."""
+    """Observations with one joint covariance (GNSS clusters, control, points of a photo)."""
 
     observations: tuple[Observation, ...]
-    """Observations of any kinds except image coordinates."""
+    """Observations of any kinds; image points with image points only, of one photo or several."""
     covariance: Array
-    """Covariance of all scalar components in the order of ``observations``, in their units."""
+    """Covariance of all scalar components in the order of ``observations``, in their units (of
+    image points in units of their images). It takes the place of what they state themselves."""
 
     def __post_init__(self) -> None:
         """Check sizes and that the covariance is positive definite."""
         size = sum(len(o.component_names()) for o in self.observations)
         where = " + ".join(o.label() for o in self.observations[:3])
-        if any(isinstance(o, ImagePoint) for o in self.observations):
-            raise InputError(Problem("image coordinates cannot be in a correlated group", where))
+        images = [isinstance(o, ImagePoint) for o in self.observations]
+        if any(images) and not all(images):
+            what = "image points are correlated with image points only; give the others apart"
+            raise InputError(Problem(what, where))
         if np.shape(self.covariance) != (size, size):
             raise InputError(
                 Problem(

@@ -25,3 +25,10 @@ class ImagePoint(Observation):
     _: KW_ONLY
     sigma: tuple[float, float] | float
     """Standard deviations of x and y, or one for both, image units."""
+    correlation: float = 0.0
+    """Correlation ρ = σ_xy / (σ_x σ_y) of x and y, between −1 and 1."""
+
+    def _check(self) -> None:
+        super()._check()
+        if not abs(self.correlation) < 1:
+            self._fail(f"correlation must be between −1 and 1, not {self.correlation!r}")

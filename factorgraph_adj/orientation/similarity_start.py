@@ -121,7 +121,7 @@ def robust_cost(equations: Equations, state: State) -> float:
         v = equations.residuals(state)
     except AdjustmentError:
         return np.inf
-    for place, chunks in equations.rays.items():
+    for place, chunks in equations.images.items():
         behind = np.flatnonzero(chunks.depths(state) <= 0)
         first = equations.blocks[place].first_row
         v[first + 2 * behind] = v[first + 2 * behind + 1] = RESIDUAL_BEHIND_CAMERA

@@ -18,7 +18,7 @@ import numpy as np
 from .. import adjustment
 from ..errors import AdjustmentError, InputError, Problem, known, taking
 from ..graph.equations import Equations, compile_network
-from ..graph.image_blocks import ImageIds
+from ..graph.image_ids import ImageIds
 from ..graph.listed_points import with_listed_points_apart
 from ..graph.observation_selection import only
 from ..graph.variables import Unknowns, Variables

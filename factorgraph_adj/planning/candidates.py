@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
-from ..entities import Camera, ImageTable, Key, Parameter, Photo, Point, parameter_name
+from ..entities import Camera, Key, Parameter, Photo, Point, parameter_name
 from ..errors import InputError, Problem, known
 from ..graph.equations import Equations, compile_network
 from ..graph.variables import calibration_name
@@ -36,24 +36,7 @@ def as_planned(network: Network) -> Network:
         InputError: points, photos and other unknowns without the values that a plan needs, as
             `factorgraph_adj.simulation.planned_values.with_given_values`.
     """
-    read = measure(network, seed=0, noise=False)
-    return _with_names(network, read)
-
-
-def _with_names(network: Network, read: Network) -> Network:
-    """Return the network with readings, its image points in the first order with their ids."""
-    photo, point, _, sigma = network.images.columns()
-    if not len(photo):
-        return read
-    of_photo, of_point, xy, _ = read.images.columns()
-    n = len(network.points)
-    order = np.argsort(of_photo * n + of_point)
-    place = np.searchsorted((of_photo * n + of_point)[order], photo * n + point)
-    images = ImageTable()
-    images.append(photo, point, xy[order][place], sigma)
-    images.ids, images.sources = dict(network.images.ids), dict(network.images.sources)
-    read.images = images
-    return read
+    return measure(network, seed=0, noise=False)
 
 
 Named: TypeAlias = tuple[str, str]
@@ -414,7 +397,19 @@ def difference(name: str, design: Network, larger: Network, *, cost: float = 1.0
     photo, point, *_ = design.images.columns()
     photos, points = list(design.photos), list(design.points)
     imaged = {(photos[f], points[p]) for f, p in zip(photo.tolist(), point.tolist(), strict=True)}
-    images = [o for o in larger.image_points() if (o.photo, o.point) not in imaged]
+    images = [
+        o
+        for o in larger.image_points(np.flatnonzero(~larger.images.is_joint))
+        if (o.photo, o.point) not in imaged
+    ]
+    for group in larger.image_groups():
+        members = group.observations
+        seen = [o.label() for o in members if (o.photos()[0], o.points()[0]) in imaged]
+        if not seen:
+            groups.append(group)
+        elif len(seen) < len(members):
+            what = f"are correlated with image points of the design ({known(seen)}); add all alone"
+            raise InputError(Problem(what, f"image points of photo {members[0].photos()[0]!r}"))
     unknowns = {
         kind: {key: p for key, p in given.items() if key not in design.of_kind(kind)}
         for kind, given in larger.parameters.items()

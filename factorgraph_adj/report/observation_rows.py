@@ -12,7 +12,7 @@ import numpy as np
 from ..entities import Camera
 from ..graph.blocks import Block
 from ..graph.equations import Equations
-from ..graph.image_blocks import ImageIds
+from ..graph.image_ids import ImageIds
 from ..graph.variables import camera_of_calibration
 from ..io.numbers import Units, write_quantity
 from ..models.base import within

@@ -251,10 +251,7 @@ def _deform(network: Network, true: Network, errors: Errors) -> None:
 
 def _set_images(network: Network, xy: Array) -> None:
     """Replace the coordinates (n, 2) of the image points of a network."""
-    photo, point, _, sigma = network.images.columns()
-    ids, sources = network.images.ids, network.images.sources
-    network.images = ImageTable(ids=ids, sources=sources)
-    network.images.append(photo, point, xy, sigma)
+    network.images = network.images.with_columns(xy=xy)
 
 
 def add_gross_errors(network: Network, errors: Errors, *, seed: Seed) -> dict[Reading, float]:

@@ -14,10 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from ..entities import Camera, ImageTable, Parameter, Photo, parameter_name
+from ..entities import Camera, Parameter, Photo, parameter_name
 from ..errors import taking
 from ..graph.blocks import Block
 from ..graph.equations import Equations, compile_network
+from ..graph.image_ids import ImageIds
 from ..graph.variables import State
 from ..models.unknown_registry import UNKNOWNS, VariableKind, parameter_kinds
 from ..network.network import Network
@@ -111,9 +112,10 @@ def measure(plan: Network, *, seed: Seed, noise: bool = True) -> Network:
     observations too: their given values are drawn, except for cameras with a calibration for
     each photo.
 
-    Errors of image coordinates are added to the measured coordinates. Lens models from measured
-    to ideal coordinates adjust corrected coordinates with the same weights: a distortion that
-    stretches the image by one per cent also increases σ̂0 by one per cent.
+    Errors of image coordinates are added to the measured coordinates. A lens model that has its
+    residuals in ideal coordinates (``residuals="ideal"``) adjusts corrected coordinates with the
+    same weights: a distortion that stretches the image by one per cent also increases σ̂0 by one
+    per cent.
 
     Args:
         plan: a network with true values everywhere; those that may be missing are those of
@@ -123,7 +125,7 @@ def measure(plan: Network, *, seed: Seed, noise: bool = True) -> Network:
 
     Returns:
         A new network with the readings l; unknowns keep the values of ``plan``, weighted ones
-        apart. Its image points have no ids.
+        apart.
 
     Raises:
         InputError: an unknown without a value that is needed, or an observation that cannot be
@@ -137,16 +139,17 @@ def measure(plan: Network, *, seed: Seed, noise: bool = True) -> Network:
     equations = replace(equations, blocks=tuple(true)).weighted_at(state)
     errors = _errors(equations, seed) if noise else np.zeros(equations.n_rows)
     measured = _weighted_drawn(equations, plan, seed) if noise else plan.copy()
-    measured.images = ImageTable()
+    seen = np.zeros((plan.n_image_points, 2))
     values: dict[str, list[float]] = {}
     for block in equations.blocks:
         value = block.moved(errors[block.rows].reshape(block.observed.shape))
         if block.image:
-            (_, photo), _, (_, point), *_ = block.variables
-            measured.images.append(photo, point, value, block.sigma)
+            assert isinstance(block.ids, ImageIds)
+            seen[block.ids.rows] = value
             continue
         for ident, row in zip(block.ids, value.tolist(), strict=True):
             values.setdefault(ident, []).extend(row)
+    measured.images = plan.images.with_columns(xy=seen)
     measured.observations = {
         ident: o.with_reading(values[ident], plan.frame) for ident, o in plan.observations.items()
     }

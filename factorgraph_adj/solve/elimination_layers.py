@@ -127,14 +127,13 @@ def _seen_by_cameras(equations: Equations, touched: Mask) -> Mask:
     """Return the points that only cameras see, (number of points,)."""
     table = equations.unknowns["point"]
     seen = np.zeros(len(table.names), dtype=bool)
-    for block in equations.blocks:
-        if block.image:
-            seen[block.variables[2][1]] = True
+    for place in equations.rays:
+        seen[equations.blocks[place].variables[2][1]] = True
     seen &= table.offset >= 0
     if not seen.any():
         return seen
     for place, block in enumerate(equations.blocks):
-        if block.image:
+        if place in equations.rays:
             continue
         alone = len(block.variables) == 1
         for kind, index in block.variables:

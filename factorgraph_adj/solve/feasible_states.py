@@ -130,7 +130,7 @@ def _rays_of_points_behind(equations: Equations, state: State, may_move: Mask) -
     """Return the rays of all points that lie behind one of their cameras; None: there are none."""
     found, depths = [], []
     behind = np.zeros(len(state["point"]), dtype=bool)
-    for place, chunks in equations.rays.items():
+    for place, chunks in equations.images.items():
         block = equations.blocks[place]
         photo, camera, point = (block.variables[k][1] for k in range(3))
         z = chunks.depths(state)
@@ -163,7 +163,7 @@ def _rays_of_points_behind(equations: Equations, state: State, may_move: Mask) -
 def is_behind_camera(equations: Equations, state: State) -> Mask:
     """Return whether each image point has its object point behind the camera, block by block."""
     out = [np.zeros(0, dtype=bool)]
-    out += [chunks.depths(state) <= 0 for chunks in equations.rays.values()]
+    out += [chunks.depths(state) <= 0 for chunks in equations.images.values()]
     return np.concatenate(out)
 
 
@@ -200,7 +200,7 @@ def with_points_held_in_front(equations: Equations, state: State, moved: State) 
 def _keeps_principal_distances(equations: Equations, state: State, moved: State) -> bool:
     """Return whether a step leaves enough of each principal distance."""
     unknowns, before = equations.unknowns, state["calibration"]
-    if not (equations.rays and before.size):
+    if not (equations.images and before.size):
         return True
     ratio = moved["calibration"][:, 0] / np.where(before[:, 0] == 0.0, np.nan, before[:, 0])
     shorter = np.flatnonzero(ratio < 1.0 - MAX_PRINCIPAL_DISTANCE_CUT).tolist()
@@ -216,7 +216,7 @@ def describe_points_behind(equations: Equations, start: State, state: State) -> 
         state: the state in which it ended.
     """
     labels = []
-    for place, chunks in equations.rays.items():
+    for place, chunks in equations.images.items():
         passed = np.flatnonzero((chunks.depths(state) <= 0) & (chunks.depths(start) > 0))
         labels += [equations.blocks[place].labels(i) for i in passed[:1].tolist()] * len(passed)
     if not labels:
@@ -232,7 +232,7 @@ def describe_points_behind(equations: Equations, start: State, state: State) -> 
 def refuse_points_behind(equations: Equations, state: State) -> None:
     """Raise an error that names image points whose object point lies behind the camera."""
     problems = []
-    for place, chunks in equations.rays.items():
+    for place, chunks in equations.images.items():
         block = equations.blocks[place]
         photo = block.variables[0][1]
         wrong = chunks.depths(state) <= 0

@@ -141,7 +141,7 @@ def _squares(equations: Equations, state: State) -> Array:
     out = np.zeros(len(state["point"]))
     for place, block in enumerate(equations.blocks):
         ends = [index for kind, index in block.variables if kind == "point"]
-        if place in equations.rays or not ends:
+        if place in equations.images or not ends:
             continue
         v = block.evaluate(equations.network.frame, state, jacobians=False).residual
         squares = np.sum(block.whiten(v) ** 2, axis=1)
@@ -162,7 +162,7 @@ def _own_squares(
     out = np.zeros(n)
     both = {**state, "point": np.concatenate([state["point"], places])}
     for place, block in enumerate(equations.blocks):
-        if place in equations.rays:
+        if place in equations.images:
             continue
         for j, (kind, index) in enumerate(block.variables):
             if kind != "point":
@@ -240,7 +240,7 @@ def points_without_rays(equations: Equations) -> Mask:
     """Return which points have unknown coordinates and are in no photo, (points,)."""
     table = equations.unknowns["point"]
     out = np.asarray(table.offset >= 0)
-    for place in equations.rays:
+    for place in equations.images:
         out[equations.blocks[place].variables[2][1]] = False
     return np.asarray(out & (table.free.sum(axis=1) > 1))
 

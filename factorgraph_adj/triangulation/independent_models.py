@@ -245,7 +245,9 @@ def _unit_bundle(
             fixed=True if i == 0 else (False, False, False, *held),
         )
         mine = order[photo[order] == numbers[i]]
-        unit.add_image_points(f, [names[p] for p in point[mine]], xy[mine], sigma=sigma[mine])
+        of_points = [names[p] for p in point[mine]]
+        rho = network.images.correlation[mine]
+        unit.add_image_points(f, of_points, xy[mine], sigma=sigma[mine], correlation=rho)
     return unit, order
 
 

@@ -328,7 +328,8 @@ def _add_directions(
     """Add the directions of all image points."""
     rays = read_rays(compile_network(network))
     photo, point, _, sigmas = network.images.columns()
-    sigma_of = {(i, j): s for i, j, s in zip(photo.tolist(), point.tolist(), sigmas, strict=True)}
+    each = np.column_stack([sigmas, network.images.correlation])
+    sigma_of = {(i, j): s for i, j, s in zip(photo.tolist(), point.tolist(), each, strict=True)}
     photos, points = list(network.photos), list(network.points)
     p = rays.direction / rays.direction[:, 2:] * CAMERA_TO_PHOTO_SIGNS  # (x, y, −c) / c
     rotation = poses[:, :9].reshape(-1, 3, 3)[rays.photo] * CAMERA_TO_PHOTO_SIGNS
@@ -347,8 +348,9 @@ def _add_directions(
     for k in np.flatnonzero(far & enough[rays.point]).tolist():
         i, j = int(rays.photo[k]), int(rays.point[k])
         a, b = across[k]
-        sx, sy = sigma_of[i, j]
-        sigma = float(np.hypot(a * sx, b * sy)) / float(distance[i])
+        sx, sy, rho = sigma_of[i, j]
+        across_ray = (a * sx) ** 2 + (b * sy) ** 2 + 2.0 * rho * (a * sx) * (b * sy)
+        sigma = float(np.sqrt(across_ray)) / float(distance[i])
         out.add(Direction(plan_station(photos[i]), points[j], float(angle[k]), sigma=sigma))
 
 

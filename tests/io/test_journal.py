@@ -247,6 +247,7 @@ def test_members_without_a_standard_deviation_take_it_from_their_covariance():
 
 AZIMUTH = {"kind": "azimuth", "station": "A", "target": "B", "value": 1, "sigma_mgon": 1}
 PAIR = {"kind": "correlated", "observations": [AZIMUTH, AZIMUTH]}
+IMAGE = {"kind": "image", "photo": "F", "point": "A", "x": 1, "y": 2, "sigma_mm": 0.01}
 WRONG_OBSERVATIONS = {
     "no object": ([1], "a record must be an object {…}, not [1]", "in:4"),
     "no kind": ({"station": "A"}, "kind is missing", "in:4"),
@@ -296,9 +297,9 @@ WRONG_OBSERVATIONS = {
         "in:4: correlated",
     ),
     "an image among them": (
-        {**PAIR, "observations": [{"kind": "image"}], "covariance_si": [[1]]},
-        "image cannot be in a correlated group",
-        "in:4, observation 1",
+        {**PAIR, "observations": [AZIMUTH, IMAGE], "covariance_si": np.eye(3).tolist()},
+        "image points are correlated with image points only; give the others apart",
+        "in:4: azimuth A B + in:4: image F A",
     ),
 }
 
@@ -373,7 +374,7 @@ def test_a_camera_has_the_keys_of_the_project():
     parameters = record.pop("parameters")
     assert record == {
         "name": "c",
-        "lens": {"model": "harmonic", "reference_radius": 10.0},
+        "lens": {"model": "harmonic", "reference_radius": 10.0, "residuals": "measured"},
         "unit": "px",
     }
     assert parameters["c"] == {"value": 30.0, "free": True}

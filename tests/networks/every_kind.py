@@ -767,6 +767,9 @@ LENSES_USED: dict[str, Calibrated] = {
     "brown, affinity after": Calibrated(
         lens.BrownLens(affine="after"), _INTERIOR | _BROWN | _AFFINITY
     ),
+    "brown, ideal residuals": Calibrated(
+        lens.BrownLens(residuals="ideal"), _INTERIOR | _STRONG | {"b1": 0.02, "b2": -0.03}
+    ),
     "brown, strong": Calibrated(lens.BrownLens(), _INTERIOR | _STRONG | {"b1": 0.02, "b2": -0.03}),
     "brown, centred": Calibrated(
         CentredBrownLens(), _INTERIOR | _BROWN | {"b1": 0.6, "b2": -0.5, "xd": 0.4, "yd": -0.3}
@@ -872,7 +875,16 @@ def image_equations(lens_name: str, view: View) -> tuple[Equations, Array]:
         at = (0.0, 0.0, 0.0)
         network.add(o.FrameCoordinate("body", None, at, photo="f", covariance=COVARIANCE, **more))
     equations = compile_network(network)
-    return equations, _steps(equations, _image_steps(equations, camera, view, 0.005))
+    steps = _image_steps(equations, camera, view, _share(camera.lens))
+    return equations, _steps(equations, steps)
+
+
+def _share(used: lens.Lens) -> float:
+    """Return by which share of the image radius steps along a lens's parameters move its points.
+
+    Measured coordinates follow from corrections by an inverse, with strong curvature.
+    """
+    return 0.0002 if getattr(used, "residuals", "") == "measured" else 0.005
 
 
 def moving_image_equations(lens_name: str, towards: Towards) -> tuple[Equations, Array]:
@@ -881,7 +893,8 @@ def moving_image_equations(lens_name: str, towards: Towards) -> tuple[Equations,
     network = image_equations(lens_name, view)[0].network.copy()
     give_motion(network, towards)
     equations = compile_network(network)
-    steps = _image_steps(equations, LENSES_USED[lens_name], view, 0.005)
+    camera = LENSES_USED[lens_name]
+    steps = _image_steps(equations, camera, view, _share(camera.lens))
     pose = np.array(steps["pose"])
     # At the edges of the image the motion moves the pose by half the readout time as much.
     steps["photo_motion"] = tuple(np.roll(pose, 3) / (READOUT / 2.0))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from factorgraph_adj import observations as o
@@ -271,7 +273,10 @@ def everything(frame_name: str) -> Network:
     )
     n.add_image_points("f2", ['"D"', "A"], [[1.5, -2.25], [1 / 3, 7]], sigma=0.5)
     n.add_image_points("f1", ['"D"', "A"], [[1.5, 0.0], [1 / 3, 7]], sigma=[[0.003, 0.004]] * 2)
-    n.add(o.ImagePoint("f3", "A", 1, -2, sigma=0.3, id="own"))
+    n.add(o.ImagePoint("f3", "A", 1, -2, sigma=0.3, correlation=-1 / 3, id="own"))
+    both = [o.ImagePoint("f3", name, 2, 1 / 3, sigma=0.3) for name in ("B, 2", "#C")]
+    joint = 0.04 * (np.eye(4) + 1 / 3)
+    n.add(o.Correlated((replace(both[0], id="first"), both[1]), joint))
     _add_alignment(n)
     add_examples(n, ("A", "B, 2", "#C", '"D"'), ("f1", "f2"))
     return n

@@ -16,6 +16,7 @@ import numpy as np
 
 from factorgraph_adj import Network
 from factorgraph_adj import observations as o
+from factorgraph_adj.entities import JointImagePoints
 from factorgraph_adj.models.film_lens import TRANSFORMATIONS, FilmLens
 from factorgraph_adj.models.shapes import SHAPES
 from factorgraph_adj.rotation import exp_rotation
@@ -337,7 +338,29 @@ def _scan(m: More) -> None:
 
 MARKS = ((1, 1), (-1, 1), (-1, -1), (1, -1), (1, 0), (0, 1), (-1, 0), (0, -1))
 """Places of fiducial marks in the corners and in the middle of the sides."""
-OF_PHOTOS: tuple[Callable[[More], None], ...] = (_flight, _odometry, _edges, _scan, _media)
+
+
+def _joint_images(m: More) -> None:
+    """Give the image points of a photo errors that are correlated with one another."""
+    images = m.network.images
+    photo = images.columns()[0]
+    seen = np.unique(photo)
+    if not len(seen):
+        return
+    rows = np.flatnonzero(photo == m.rng.choice(seen))
+    sigma = images.columns()[3][rows].ravel()
+    rho = 0.4 + 0.6 * np.eye(len(sigma))
+    images.join(JointImagePoints(rows, rho * np.outer(sigma, sigma)))
+
+
+OF_PHOTOS: tuple[Callable[[More], None], ...] = (
+    _flight,
+    _odometry,
+    _edges,
+    _scan,
+    _media,
+    _joint_images,
+)
 """Those that need photos."""
 ON_SITE: tuple[Callable[[More], None], ...] = (_flight, _offsets, _alignment, _edges)
 """Those with constant places, or that say little of photos that nothing else holds: they are in
@@ -357,5 +380,6 @@ FAMILIES: tuple[Callable[[More], None], ...] = (
     _own_datum,
     _scan,
     _media,
+    _joint_images,
 )
 """What may be added."""

@@ -499,8 +499,9 @@ class _Draw:
     def _ray(self) -> list[Observation]:
         photo = self.one(list(self.network.photos))
         n = min(len(self.offset), self.one((1, 2, 4)))
+        rho = 0.6 if self.seed % 4 == 3 else 0.0
         return [
-            ImagePoint(photo, p, 0.0, 0.0, sigma=SIGMA_IMAGE)
+            ImagePoint(photo, p, 0.0, 0.0, sigma=SIGMA_IMAGE, correlation=rho)
             for p in self.some(list(self.offset), n)
         ]
 

@@ -41,7 +41,8 @@ def items(network: Network) -> list[AnyObservation]:
             ids, covariance = network.clusters[number]
             members = tuple(replace(network.observations[i], id=i) for i in ids)
             out.append(Correlated(members, covariance))
-    return [*out, *network.image_points()]
+    alone = np.flatnonzero(~network.images.is_joint)
+    return [*out, *network.image_groups(), *network.image_points(alone)]
 
 
 def split(network: Network, kind: str, name: str) -> tuple[Network, list[AnyObservation]]:

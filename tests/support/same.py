@@ -46,14 +46,18 @@ def assert_same_network(a: Network, b: Network) -> None:
     for part in PARTS:
         assert_same(getattr(a, part), getattr(b, part), part)
     assert_same(a.images.columns(), b.images.columns(), "images")
+    assert_same(a.images.correlation, b.images.correlation, "correlations of image points")
     assert a.images.ids == b.images.ids
+    assert_same(a.images.joint, b.images.joint, "joint covariances of image points")
 
 
 def contents(network: Network) -> dict[str, object]:
     """Return everything that a network says, in a form that can be compared."""
     said = {k: deepcopy(v) for k, v in vars(network).items() if k not in ("images", "clusters")}
     said["images"] = [c.tolist() for c in network.images.columns()]
+    said["image correlations"] = network.images.correlation.tolist()
     said["image ids"] = dict(network.images.ids)
+    said["joint image points"] = [(r.tolist(), q.tolist()) for r, q in network.images.joint]
     said["clusters"] = [(ids, c.tolist()) for ids, c in network.clusters]
     for name in ("photos", "observations"):  # arrays inside do not compare
         said[name] = repr(said[name])

@@ -41,6 +41,7 @@ from tests.networks.small_block import plan as mixed
 from tests.networks.small_flight import EVERY, OFFSETS, TILTED, TURNS, Plan, plan_of
 from tests.networks.three_frames import three_frames
 from tests.support.arrivals import between
+from tests.support.joint_images import jointly_measured
 
 FEW = 30
 """Repetitions of the short tests."""
@@ -373,6 +374,18 @@ def instruments(*which: str, constants: bool = False) -> Callable[[], fga.Networ
     return make
 
 
+def correlated_image_points() -> fga.Network:
+    """Four photos whose image coordinates are correlated, in most points strongly."""
+    network = photos()()
+    network.images.rho = [np.linspace(-0.9, 0.95, network.n_image_points)]
+    return network
+
+
+def joint_image_points() -> fga.Network:
+    """Four photos; the image points of three of them err together."""
+    return jointly_measured(photos()(), ["F0", "F1", "F2"])
+
+
 def on_the_ellipsoid() -> fga.Network:
     """Distances, azimuths and heights that refer to the ellipsoid or to a geoid, of one field."""
     network = fga.Network("ellipsoid", frame=fga.TopocentricFrame(0.8, 0.2, 300.0))
@@ -534,6 +547,8 @@ NETWORKS: dict[str, Callable[[], fga.Network]] = {
     "correlated": correlated_directions,
     "image, parallel projection": microscope,
     "image, rational polynomials": lambda: satellites(free=BIAS, placed=True)[0],
+    "image, correlated": correlated_image_points,
+    "image, jointly": joint_image_points,
     "mixed": mixed,
 }
 """A network for each kind of observation, one with correlated groups, and a mixed one."""

@@ -19,9 +19,9 @@ from ..source import Problems, is_unread
 from ..xml_files import Element
 
 LENS_BY_MODEL: dict[int, Lens] = {
-    1: BrownLens(),
-    3: BrownLens(affine="before"),
-    4: BrownLens(affine="after"),
+    1: BrownLens(residuals="ideal"),
+    3: BrownLens(affine="before", residuals="ideal"),
+    4: BrownLens(affine="after", residuals="ideal"),
     -1: BrownForwardLens(),
 }
 """Lens models by DBAT's number."""

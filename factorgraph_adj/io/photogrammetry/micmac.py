@@ -268,7 +268,7 @@ class _Orientations:
         if centre is not None:
             values |= {"xd": centre[0] - pp[0], "yd": -(centre[1] - pp[1])}
         sides = (size[0], size[1])
-        lens = CentredBrownLens()
+        lens = CentredBrownLens(residuals="ideal")
         with problems.collect(where):
             add_pixel_camera(self.network, name, lens, values, size=sides, free=self.free)
 

@@ -223,7 +223,7 @@ class _Reading:
         values = {"c": f, "x0": self.principal[0], "y0": self.principal[1]}
         if self.program == "colmap":
             return NormalisedLens(), values | {"k1": -r}
-        return BrownLens(), values | {"k1": r / f**2}
+        return BrownLens(residuals="ideal"), values | {"k1": r / f**2}
 
     def _check_origin(self, images: ImagePoints) -> None:
         """Refuse a file whose image coordinates seem to count from the corner."""

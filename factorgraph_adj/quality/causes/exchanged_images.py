@@ -114,10 +114,10 @@ def _suspects(equations: Equations, bad: set[str]) -> list[str]:
 def _with_exchanged_photos(network: Network, a: str, b: str) -> Network:
     """Return the network with the images of two photos exchanged."""
     out = network.copy()
-    f, p, xy, sigma = network.images.columns()
+    f, *_ = network.images.columns()
     i, j = (list(network.photos).index(n) for n in (a, b))
     other: Index = np.where(f == i, j, np.where(f == j, i, f))
-    out.images = out.images.with_columns(other, p, xy, sigma)
+    out.images = out.images.with_columns(photo=other)
     return out
 
 
@@ -249,12 +249,12 @@ def _exchanged_rays(
 def with_exchanged_names(network: Network, exchanged: Iterable[ImagePointExchange]) -> Network:
     """Return the network with the names of pairs of image points exchanged."""
     out = network.copy()
-    f, p, xy, sigma = network.images.columns()
+    f, p, *_ = network.images.columns()
     photos, points = list(network.photos), list(network.points)
     p = p.copy()
     for e in exchanged:
         a, b = (points.index(name) for name in e.points)
         mine = f == photos.index(e.photo)
         p[mine] = np.where(p[mine] == a, b, np.where(p[mine] == b, a, p[mine]))
-    out.images = out.images.with_columns(f, p, xy, sigma)
+    out.images = out.images.with_columns(point=p)
     return out

@@ -324,7 +324,7 @@ def mirrored_block(
         weight: σ0² of the clean solution.
     """
     network = equations.network
-    if not equations.rays or not _most_of_a_kind(equations, ids):
+    if not equations.images or not _most_of_a_kind(equations, ids):
         return
     critical = weight.limit(1, alpha)
     before = np.square(Innovations(equations, clean).residuals())
@@ -425,10 +425,10 @@ def _with_axes(
 def _turned(network: Network, cameras: set[str], axes: Axes) -> Network:
     """Return the network with other axes of the images of some cameras."""
     out = network.copy()
-    f, p, xy, sigma = network.images.columns()
+    f, _, xy, _ = network.images.columns()
     of_photo = [network.cameras[photo.camera] for photo in network.photos.values()]
     at = np.array([camera.values[1:3] for camera in of_photo])[f]
     mine: Mask = np.array([camera.name in cameras for camera in of_photo])[f]
     turned = np.where(mine[:, None], axes(xy, at), xy)
-    out.images = out.images.with_columns(f, p, turned, sigma)
+    out.images = out.images.with_columns(xy=turned)
     return out

@@ -92,10 +92,22 @@ def test_a_mistake_in_a_block_is_named(mistake: str) -> None:
 
 @pytest.mark.parametrize("seed", [3, 6])
 def test_a_wrong_sign_ends_no_adjustment_at_a_camera_without_principal_distance(seed: int) -> None:
-    """With c = 0 all image points are at the principal point, which is a minimum of its own."""
-    solution = fga.adjust(wrong_sign(facade(seed, held=False)))
+    """With c = 0 all image points are at the principal point, a minimum of ideal coordinates."""
+    network = wrong_sign(facade(seed, held=False))
+    camera = network.cameras["camera"]
+    network.cameras["camera"] = replace(camera, lens=camera.lens.in_ideal_coordinates)
+    solution = fga.adjust(network)
     assert solution.converged
     assert 0.25 * FOCAL < solution.calibration("camera")["c"] < FOCAL
+
+
+@pytest.mark.parametrize("seed", [3, 6])
+def test_a_distortion_that_folds_the_image_ends_with_the_advice_to_snoop(seed: int) -> None:
+    """Its k1 takes some rays past the fold, where measured coordinates are not unique."""
+    solution = fga.adjust(wrong_sign(facade(seed, held=False)))
+    assert solution.calibration("camera")["c"] > FOCAL
+    assert not solution.converged
+    assert "gross errors" in solution.reason
 
 
 def test_an_adjustment_that_takes_points_behind_cameras_ends_in_no_error() -> None:
