@@ -10,7 +10,9 @@ from typing import Literal
 import numpy as np
 
 from factorgraph_adj.adjustment import adjust
+from factorgraph_adj.collocation.image_corrections import corrected_bundle
 from factorgraph_adj.collocation.point_corrections import point_corrections
+from factorgraph_adj.errors import InputError
 from factorgraph_adj.models.deformation import DISPLACEMENTS
 from factorgraph_adj.models.lens import BrownLens, NoDistortion
 from factorgraph_adj.models.orthogonal_lens import EbnerLens
@@ -42,6 +44,8 @@ from .methods_1980_block import SIGMA_TILT, MethodBlock
 
 ROUNDS = 5
 """Rounds of plan and height: practice had three to five."""
+BUNDLES = 5
+"""Largest number of bundles with filtered residuals."""
 DEFORMED = tuple(n for n in DISPLACEMENTS[3:] if n not in ("stretch_z", "shear_xz", "shear_yz"))
 """Additional parameters of models: the 8 + 3 of Ebner."""
 SIGMA_DEFORMATION = 0.010
@@ -376,6 +380,19 @@ def bundle(
         block, lens=lens, terrestrial=terrestrial, control=control, priors=priors
     )
     return outcome(adjust(network), block)
+
+
+def filtered_bundle(block: MethodBlock) -> Outcome:
+    """27: bundles with the signal of the residuals before them, filtered as a grid of the camera.
+
+    Rampal's second bundle has the full covariance of image coordinates from the residuals of the
+    first. Here their signal is filtered by its covariance function, and taken out; bundles follow
+    each other until the residuals have no signal, at most `BUNDLES` times.
+    """
+    found = corrected_bundle(adjust(block.network), rounds=BUNDLES)
+    if not found.rounds[0].cameras:
+        raise InputError("; ".join(found.rounds[0].remarks))
+    return outcome(found.solution, block)
 
 
 def bundle_network(
