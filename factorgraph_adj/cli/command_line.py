@@ -63,6 +63,11 @@ COMMAND_MODULES = {
         "add_collocate",
         "correct all points by the residuals at control or check points",
     ),
+    "refine": (
+        "image_refinement",
+        "add_refine",
+        "correct image coordinates for refraction and curvature of the Earth",
+    ),
     "completion": (
         "shell_completion",
         "add_completion",

@@ -124,6 +124,37 @@ class Block:
         return network
 
 
+def map_plane(folder: Path) -> fga.Network:
+    """Return photos, points and rays in the map as delivered, everything held; heights: altitudes.
+
+    The delivered Z of photos has the scale of the map, see this module.
+    """
+    rays = _rays(folder)
+    geoid = Geoid(folder / "fr_ign_RAF20.tif")
+    points = {
+        r[0]: np.array(r[1:4], dtype=float) for r in _rows(folder / "all_liaisons2_world.mes")
+    }
+    for r in _rows(folder / "23FD1305_Biais2.app"):
+        points[r[0].strip('"')] = np.array(r[2:5], dtype=float)
+    network = fga.Network("IGN block in the map")
+    network.add_camera(CAMERA, NoDistortion(), {"c": PRINCIPAL_DISTANCE}, unit="px", format=FORMAT)
+    for r in _rows(folder / "23FD1305_alt_2.OPK"):
+        if r[0] in rays:
+            turns = np.radians(np.array(r[4:7], dtype=float))
+            turn = world_R_photogrammetric(*turns) @ TURN_ABOUT_X
+            at = np.array(r[1:4], dtype=float)
+            network.add_photo(r[0], CAMERA, position=at, rotation=turn, fixed=True)
+    for name, at in points.items():
+        latitude, longitude = lambert_93.from_grid(at[None, 0], at[None, 1])
+        altitude = at[2] - float(geoid(latitude, longitude)[0])
+        network.add_point(name, (at[0], at[1], altitude), fixed="xyz")
+    for photo in network.photos:
+        names, xy = rays[photo]
+        rows = [i for i, n in enumerate(names) if n in points]
+        network.add_image_points(photo, [names[i] for i in rows], xy[rows], sigma=0.2)
+    return network
+
+
 def read_borea(folder: Path, *, projection_scale: bool = True) -> Block:
     """Read the block.
 
