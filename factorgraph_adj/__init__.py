@@ -185,6 +185,7 @@ if _TYPE_CHECKING:
     from .quality.datum_change import s_transform
     from .quality.derived_quantities import adjusted_lines
     from .quality.error_ellipses import error_ellipse, error_ellipsoid
+    from .quality.estimated_precision import estimate_precision
     from .quality.parameter_exclusion import exclude_insignificant
     from .quality.parameter_significance import significance
     from .quality.point_precision import check_points, distance_precision
@@ -238,7 +239,7 @@ __all__ = [
     "block_motion", "build_graph", "causes", "check_points", "collocate", "congruence",
     "corrected_bundle", "covariance_array", "determined_part", "direction_test",
     "distance_meter_test", "distance_precision", "dlt", "empirical_covariance", "error_ellipse",
-    "error_ellipsoid", "estimate_covariance", "estimate_variance_components",
+    "error_ellipsoid", "estimate_covariance", "estimate_precision", "estimate_variance_components",
     "exclude_insignificant", "fetch_example", "find_sparable", "fit_variogram", "from_grid",
     "grid_coordinates", "grid_photos", "image_corrections", "join", "level_test", "load_solution",
     "measure", "memory_needed", "orient", "plan", "plot_network", "point_corrections",
@@ -383,6 +384,7 @@ _NAMES = {
     "quality.datum_change": "s_transform",
     "quality.derived_quantities": "adjusted_lines",
     "quality.error_ellipses": "error_ellipse error_ellipsoid",
+    "quality.estimated_precision": "estimate_precision",
     "quality.parameter_exclusion": "exclude_insignificant",
     "quality.parameter_significance": "significance",
     "quality.point_precision": "check_points distance_precision",

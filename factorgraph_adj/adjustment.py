@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
-from typing import Literal, TypeVar, get_args
+from typing import Literal, TypeAlias, TypeVar, get_args
 
 from .blas_threads import with_one_thread
 from .entities import parameter_name
@@ -17,7 +17,12 @@ from .network.network import DatumChoice, Network
 from .orientation.choice_of_start import choose_start, with_doubtful_image_points
 from .solve.added_factors import AddedFactors, ExtraFactors
 from .solve.gauss_newton import Progress
-from .solve.machine_limits import MemoryEstimate, error_of_weight_ratios, estimate_memory
+from .solve.machine_limits import (
+    MemoryEstimate,
+    error_of_weight_ratios,
+    estimate_memory,
+    refuse_too_many_pairs,
+)
 from .solve.minimum import DEFAULT_MAX_ITERATIONS, DEFAULT_TOLERANCE, adjust_from_start
 from .solve.normal_equations import Solver
 from .solve.solution import Solution
@@ -43,6 +48,8 @@ _Named = tuple[str, str]
 
 
 AdjustedResult = TypeVar("AdjustedResult")
+SolverName: TypeAlias = Literal["direct", "conjugate_gradients"]
+"""How normal equations are solved."""
 VARIANCE_SCALES = ("a-priori", "a-posteriori")
 """Valid scales of covariances: 1, or σ̂0²."""
 
@@ -173,6 +180,7 @@ def adjust(
     extra_factors: ExtraFactors = (),
     progress: Progress | None = None,
     leave_out_undetermined: bool = False,
+    solver: SolverName = "direct",
 ) -> Solution:
     """Adjust a network by least squares: minimise vᵀPv over all unknowns.
 
@@ -200,6 +208,9 @@ def adjust(
         progress: called after each iteration; an exception in it ends the adjustment.
         leave_out_undetermined: whether `determined_part` is adjusted, without what the observations
             do not determine; ``solution.network.unknowns_left_out`` names it. Not with ``weights``.
+        solver: ``direct``, elimination in fronts; or ``conjugate_gradients`` for blocks of photos
+            whose fronts do not fit in memory. The minimum is the same within ``tolerance``, without
+            the covariances of all unknowns: see `estimate_precision`. It needs a given datum.
 
     Returns:
         The solution; its ``converged`` and ``reason`` say how the iteration ended.
@@ -237,6 +248,13 @@ def adjust(
         raise InputError(
             f"unknown variance {variance!r}; valid: {known(VARIANCE_SCALES, meant=variance)}"
         )
+    if solver not in (valid := get_args(SolverName)):
+        raise InputError(f"unknown solver {solver!r}; valid: {known(valid, meant=solver)}")
+    if solver == "conjugate_gradients" and choice == "free":
+        raise InputError(
+            "conjugate gradients need a given datum, and a free network has none; valid: "
+            "solver='direct', or datum='given' with control"
+        )
     if not extra_factors:  # keys of factors are those of the network as it is
         network = with_listed_points_apart(network)
     if leave_out_undetermined:
@@ -256,6 +274,7 @@ def adjust(
                 max_iterations=max_iterations,
                 extra_factors=extra_factors,
                 progress=progress,
+                solver=solver,
             )
 
         return largest_determined_part(network, whole, factors=bool(extra_factors))[1]
@@ -268,6 +287,12 @@ def adjust(
     except (ApproximationError, DatumError) as error:
         raise with_leave_out_hint(error) from None
     extra.refuse_wrong_partials(equations, begin.state)
+    chosen: Solver | None = None
+    if solver == "conjugate_gradients":
+        rows = extra.at(equations, begin.state).rows
+        chosen = Solver.by_gradients(equations.weighted_at(begin.state), rows)
+    else:
+        refuse_too_many_pairs(equations)
 
     def attempt(weights: Array | None, progress: Progress | None = None) -> Solution:
         return adjust_from_start(
@@ -281,6 +306,7 @@ def adjust(
             extra=extra,
             progress=progress,
             astray=True,
+            solver=chosen,
         )
 
     def lost(*, undetermined: bool) -> InputError | None:
@@ -340,13 +366,14 @@ def determined_part(
 
 
 @taking(Network)
-def memory_needed(network: Network) -> MemoryEstimate:
+def memory_needed(network: Network, *, solver: SolverName = "direct") -> MemoryEstimate:
     """Estimate the memory that `adjust` and `reliability` take beside the network itself.
 
     Simulated blocks of 300 000 and a million image points took 0.7 to 0.8 of the estimate.
 
     Args:
         network: the network; `adjust` refuses one that takes more memory than is free.
+        solver: as for `adjust`; conjugate gradients have no reliability.
 
     Raises:
         InputError: there is nothing to adjust.
@@ -354,4 +381,5 @@ def memory_needed(network: Network) -> MemoryEstimate:
     """
     equations = compile_network(with_listed_points_apart(network))
     state = choose_start(equations, network.datum, None).state
-    return estimate_memory(Solver.of(equations).plan, equations, state)
+    make = Solver.of if solver == "direct" else Solver.by_gradients
+    return estimate_memory(make(equations).plan, equations, state)

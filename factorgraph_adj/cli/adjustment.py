@@ -307,6 +307,7 @@ def _fitted(
             network,
             variance=variance,
             max_iterations=most,
+            solver="direct" if options.solver == "direct" else "conjugate_gradients",
             progress=show and (lambda *figures: show(iteration_line(*figures))),
         )
         return solution, None
@@ -339,6 +340,20 @@ def _refuse_options(options: argparse.Namespace) -> None:
         )
     if options.sidak and not _snoops(options):
         problems.append(Problem("--sidak belongs to --snoop"))
+    if options.solver != "direct":
+        given = {
+            "--snoop": options.snoop,
+            "--robust": options.robust,
+            "--variance-components": options.variance_components,
+            "--ellipses": options.ellipses,
+            "--relative": options.relative,
+            "--between": options.between,
+        }
+        problems += [
+            Problem(f"{name} needs covariances, which --solver {options.solver} does not have")
+            for name, value in given.items()
+            if value
+        ]
     if problems:
         raise InputError(problems)
 

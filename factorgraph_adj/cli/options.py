@@ -246,6 +246,13 @@ def add_adjustment(parser: argparse.ArgumentParser) -> None:
     how.add_argument(
         "--max-iterations", type=positive_count, metavar="N", help="instead of the project's"
     )
+    how.add_argument(
+        "--solver",
+        choices=("direct", "conjugate-gradients"),
+        default="direct",
+        help="elimination in fronts, or conjugate gradients for blocks of photos that do not fit "
+        "in memory, without covariances of all unknowns (direct)",
+    )
     add_leave_out(how)
     how.add_argument(
         "--variance-components",

@@ -23,6 +23,7 @@ from ..solve.added_factors import NO_ADDED_FACTORS
 from ..solve.adjustment_run import AdjustmentRun
 from ..solve.datum_defects import find_defects
 from ..solve.feasible_states import refuse_points_behind, with_points_held_in_front
+from ..solve.fronts import Fronts
 from ..solve.machine_limits import free_memory_bytes
 from ..solve.minimum import describe_second_places
 from ..solve.normal_equations import NormalEquations, Solver
@@ -133,7 +134,7 @@ def eliminate_part(part: LoadedPart, at: IterationState) -> ReducedEquations:
     pivots = e.factor.relative_pivots(e.normal.diagonal + e.added, points=1e9)
     pivots[~part.unknowns.free] = np.inf
     fronts = e.factor.fronts
-    assert fronts is not None
+    assert isinstance(fronts, Fronts)  # parts are not solved by conjugate gradients
     return ReducedEquations(
         packed_triangle(fronts.root.left),
         e.factor.remaining(e.normal.gradient[:, None])[:, 0],
@@ -233,7 +234,7 @@ def finish_part(part: LoadedPart, at: IterationState, totals: Totals) -> PartQua
     """
     e = part.eliminated(at)
     fronts = e.factor.fronts
-    assert fronts is not None
+    assert isinstance(fronts, Fronts)  # parts are not solved by conjugate gradients
     fronts.root.close(unpacked_triangle(part.job.own.arrays(JUNCTIONS_FILE)["covariances"]))
     solution = PartSolution.of(e.normal, part.state(0), e.factor, totals)
     refuse_points_behind(solution.equations, solution.state)

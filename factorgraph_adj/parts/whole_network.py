@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias, overload
 import numpy as np
 
 from .. import adjustment
+from ..adjustment import SolverName
 from ..errors import AdjustmentError, InputError, Problem, known, taking
 from ..graph.equations import Equations, compile_network
 from ..graph.image_ids import ImageIds
@@ -315,6 +316,7 @@ def adjust(
     extra_factors: ExtraFactors = (),
     progress: Progress | None = None,
     leave_out_undetermined: bool = False,
+    solver: SolverName = "direct",
 ) -> Solution: ...
 
 
@@ -349,6 +351,7 @@ def adjust(
     extra_factors: ExtraFactors = (),
     progress: Progress | None = None,
     leave_out_undetermined: bool = False,
+    solver: SolverName = "direct",
 ) -> Solution | PartsSolution:
     """Adjust a network by least squares: minimise vᵀPv over all unknowns.
 
@@ -385,6 +388,10 @@ def adjust(
         leave_out_undetermined: whether `determined_part` is adjusted, without what the observations
             do not determine; ``solution.network.unknowns_left_out`` names it, with a client
             ``solution.unknowns_left_out``. Not with ``weights``.
+        solver: ``direct``, elimination in fronts; or ``conjugate_gradients`` for blocks of photos
+            whose fronts do not fit in memory. The minimum is the same within ``tolerance``, without
+            the covariances of all unknowns: see `estimate_precision`. It needs a given datum. Not
+            with a client.
 
     Returns:
         The solution; its ``converged`` and ``reason`` say how the iteration ended.
@@ -411,12 +418,14 @@ def adjust(
             extra_factors=extra_factors,
             progress=progress,
             leave_out_undetermined=leave_out_undetermined,
+            solver=solver,
         )
     check_client(client)
     given = {
         "start": start,
         "weights": weights,
         "extra_factors": extra_factors or None,
+        "solver": None if solver == "direct" else solver,
     }
     if refused := [name for name, value in given.items() if value is not None]:
         raise InputError(f"with a client there is no {', '.join(refused)}: adjust without it")

@@ -346,9 +346,9 @@ def reliability(
     check_probabilities(alpha, power)
     try:
         system, factor = solution.normal().system, solution.factor
+        found = leverages(system, factor, _transform(solution))
     except SingularError as error:
         raise AdjustmentError(f"no reliability: {error}") from None
-    found = leverages(system, factor, _transform(solution))
     equations = solution.equations
     blocks, clusters = found.hats
     r = 1.0 - share_diagonal(equations, blocks, clusters)

@@ -14,6 +14,7 @@ from ..quality.error_ellipses import ErrorEllipsoid
 from ..solve.solution import Solution
 from ..units import decimal_angle
 from .adjusted_coordinates import NOT_AT_A_MINIMUM, region_factor, rounded_azimuth
+from .adjusted_points import has_values
 from .adjustment_report import PoseFigures, Report
 from .geodetic_coordinates import grid_photo_columns
 from .layout import decimals, percent, table, title
@@ -57,7 +58,7 @@ def photos_table(report: Report) -> Table[AdjustedPhoto]:
 
 
 def photo_columns(report: Report) -> list[Column[AdjustedPhoto]]:
-    """Return the columns of photos; where there is no covariance, how their images fit."""
+    """Return the columns of photos; without convergence and covariance, how their images fit."""
     counts, norms = (
         FiguresByNumber(lambda i=i: np.array(list(image_statistics_by_photo(report)[i].values())))  # type: ignore[misc]
         for i in range(2)
@@ -76,7 +77,7 @@ def photo_columns(report: Report) -> list[Column[AdjustedPhoto]]:
         Column(title="camera", value="camera", only=("html", "csv", "frame")),
         count,
         fit,
-        *(() if report.singular else _orientation(report)),
+        *(_orientation(report) if has_values(report) else ()),
         replace(count, only=("csv",)),
         replace(fit, only=("csv",)),
     ]
@@ -112,8 +113,9 @@ def _orientation(report: Report) -> Iterator[Column[AdjustedPhoto]]:
     yield record("position", "position")
     yield record("world_R_camera", "rotation")
     yield record("omega_phi_kappa", "angles")
-    yield record("sigma_position", "sigma_position")
-    yield record("sigma_omega_phi_kappa", "sigma_angles")
+    if not report.singular:
+        yield record("sigma_position", "sigma_position")
+        yield record("sigma_omega_phi_kappa", "sigma_angles")
     place = {"unit": metre, "digits": 4, "exact": True, "only": (*READ, *data)}
     turn = {"unit": radians, "digits": digits, "exact": True, "only": (*READ, *data)}
     for i, a in enumerate("xyz"):
@@ -122,6 +124,8 @@ def _orientation(report: Report) -> Iterator[Column[AdjustedPhoto]]:
     for i, (sign, a) in enumerate(ANGLES.items()):
         yield Column(title=sign, key=a, value=of("angles", i), **turn)  # type: ignore[arg-type]
     yield Column(title="angle_unit", value=lambda row: units.angle, only=("csv",))
+    if report.singular:
+        return
     label = f"σ [{units.sigma_length}, {units.sigma_angle}]"
     yield Column(
         title="σ",

@@ -81,6 +81,11 @@ def points_table(report: Report, names: Iterable[str] | None = None) -> Table[Ad
     return Table("points", rows, point_columns(report, numbers))
 
 
+def has_values(report: Report) -> bool:
+    """Return whether there are values to write, with covariances or by conjugate gradients."""
+    return not report.singular or report.solution.converged
+
+
 def point_columns(report: Report, numbers: Index) -> list[Column[AdjustedPoint]]:
     """Return the columns of the points with some numbers.
 

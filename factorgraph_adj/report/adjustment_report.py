@@ -131,9 +131,9 @@ class Report:
 
     @cached_property
     def singular(self) -> bool:
-        """Whether the covariance is missing; this is possible if the iteration stopped early."""
-        if self.solution.converged:
-            return False
+        """Whether covariances are missing: conjugate gradients, or an iteration stopped early."""
+        if (iterative := self.solution.run.solver.iterative) or self.solution.converged:
+            return iterative
         try:
             kind, number = next(self.solution.equations.unknowns.active())
             name = self.solution.equations.unknowns[kind].names[number]
@@ -151,7 +151,7 @@ class Report:
         if self.known is not None:
             return self.known
         if self.singular:
-            return "no reliability: the normal equations are singular where the iteration stopped"
+            return f"no reliability: {self.solution.run.solver.no_inverse}"
         try:
             return reliability(self.solution, alpha=self.options.alpha, power=self.options.power)
         except InputError:
@@ -425,7 +425,9 @@ class Report:
     def _pose(self, name: str) -> PoseFigures:
         stored = self.solution.state["pose"][self.solution.number("pose", name)]
         rotation = stored[:9].reshape(3, 3)
-        covariance = self.solution.pose_covariance(name)
+        covariance = np.full((6, 6), nan)
+        if not self.singular:
+            covariance = self.solution.pose_covariance(name)
         turn = angles_by_rotation(rotation)
         variances = (turn @ covariance[:3, :3] @ turn.T).diagonal().tolist()
         own = [sqrt(max(v, 0.0)) for v in covariance.diagonal().tolist()]

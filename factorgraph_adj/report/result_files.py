@@ -25,7 +25,7 @@ from . import image_axes
 from .adjusted_coordinates import lines_table
 from .adjusted_observations import observations_csv
 from .adjusted_photos import photos_table
-from .adjusted_points import points_table
+from .adjusted_points import has_values, points_table
 from .adjustment_report import Report
 from .data_snooping import snooping_csv
 from .doubtful_results import unknowns_left_out
@@ -304,7 +304,7 @@ def write_tables(report: Report, folder: str | Path) -> None:
     if report.components is not None:
         found = variance_components_table(report, report.components)
         files["variance_components.csv"] = as_csv(found)
-    if not report.singular:
+    if has_values(report):
         files["points.csv"] = as_csv(points_table(report))
         files["unknowns.csv"] = as_csv(unknowns_table(report))
         if report.network.photos:

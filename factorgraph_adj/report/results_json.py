@@ -21,7 +21,7 @@ from ..version import __version__
 from .adjusted_coordinates import lines_table
 from .adjusted_observations import observation_table
 from .adjusted_photos import photos_table
-from .adjusted_points import points_table
+from .adjusted_points import has_values, points_table
 from .adjustment_report import Report
 from .doubtful_results import notes_of_network, notes_of_solution
 from .epochs_report import EpochsReport, displacements_table, record_of_test
@@ -108,7 +108,7 @@ def results_record(report: Report) -> dict[str, Any]:
         **({} if report.snooping is None else {"snooping": _snooping(report, report.snooping)}),
         **({} if report.components is None else {"variance_components": _components(report)}),
         **({} if report.significance is None else {"parameters": _parameters(report)}),
-        **({} if report.singular else _unknown_values(report)),
+        **(_unknown_values(report) if has_values(report) else {}),
         **({"relative": as_json(lines_table(report))} if report.lines else {}),
         "observations": as_json_columns(observation_table(report)),
     }

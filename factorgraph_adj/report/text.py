@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from math import isfinite
+from textwrap import wrap
 
 from ..control_characters import escaped
 from ..epochs.comparison_result import Congruence
@@ -271,8 +272,8 @@ def global_test_text(test: GlobalTest, *, fitted: bool = False) -> str:
 def _precision(report: Report) -> list[str]:
     s = report.solution
     if report.singular:
-        what = "none: the normal equations are singular where the iteration stopped"
-        return [f"  precision             {what}"]
+        first, *rest = wrap(f"none: {s.run.solver.no_inverse}", LINE_WIDTH - 24)
+        return [f"  precision             {first}", *(f"{'':24}{line}" for line in rest)]
     if report.components is not None:
         what = "σ of unknowns are those of the estimated weights"
         return [f"  precision             {what}"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,10 +12,11 @@ from ..blas_threads import with_one_thread
 from ..graph.equations import Equations
 from ..types import NO_ROWS, Array, Index
 from .block_matrix import BlockMatrix
+from .conjugate_gradients import MAX_CLUSTER_NODES, ConjugateGradients, visibility_clusters
 from .elimination_layers import Layers
 from .fronts import Fronts
 from .linearised_equations import LinearisedEquations
-from .nested_dissection import MAX_LEAF_NODES
+from .nested_dissection import MAX_LEAF_NODES, BlockPattern
 from .node_rows import NodeRows
 from .point_elimination import RayCovariances, ReducedPoints
 from .point_rays import PointRays, RaySums
@@ -35,6 +37,8 @@ class EliminationPlan:
     rows: NodeRows | None
     """Places of the observations in the second layer; None: it is one front by QR, whose nodes are
     all joined."""
+    clusters: tuple[Index, ...] = ()
+    """Clusters of nodes with common points, where conjugate gradients take the place of fronts."""
 
     @classmethod
     def of(cls, equations: Equations, layers: Layers) -> EliminationPlan:
@@ -42,6 +46,22 @@ class EliminationPlan:
         nodes = Nodes(equations, layers)
         rays = PointRays(equations, nodes) if layers.reduced.any() else None
         return cls.joining(equations, nodes, rays)
+
+    @classmethod
+    def by_gradients(
+        cls, equations: Equations, layers: Layers, cluster_size: int = MAX_CLUSTER_NODES
+    ) -> EliminationPlan:
+        """Make the index lists of a network that conjugate gradients solve; it has a first layer.
+
+        Args:
+            equations: the network.
+            layers: the layers.
+            cluster_size: largest number of nodes in a block of the preconditioner.
+        """
+        nodes = Nodes(equations, layers)
+        rays = PointRays(equations, nodes, paired=False)
+        clusters = visibility_clusters(rays, cluster_size)
+        return cls(layers, nodes, rays, NodeRows(equations, nodes), clusters)
 
     @classmethod
     def joining(cls, equations: Equations, nodes: Nodes, rays: PointRays | None) -> EliminationPlan:
@@ -103,12 +123,33 @@ class Factorisation:
         if dense or system.clusters:
             of_clusters = (nodes.pairs_of(c.columns) for c in system.clusters)
             codes = np.concatenate([codes, *of_clusters, joined_node_pairs(nodes, dense)])
+        if plan.clusters:
+            first, second = np.divmod(np.unique(codes), nodes.n)
+            pattern = BlockPattern(nodes.n, nodes.width, nodes.side, first, second)
+            matrix = self._matrix(prepared, pattern, diagonal, dense)
+            assert self.points is not None
+            self.fronts: Fronts | ConjugateGradients = ConjugateGradients(
+                matrix, self.points, nodes.held, plan.clusters
+            )
+            """The second layer."""
+            return
         pattern, fronts = nodes.structure(codes, lambda: nodes.positions(system.state))
         if prepared.rows is not None:
             rows = _with_diagonal(prepared.rows, nodes, diagonal)
             self.fronts = fronts_by_qr(fronts, pattern, rows, nodes.held)
-            """The second layer."""
             return
+        matrix = self._matrix(prepared, pattern, diagonal, dense)
+        self.fronts = Fronts.of(fronts, matrix, nodes.kept)
+
+    def _matrix(
+        self,
+        prepared: PreparedElimination,
+        pattern: BlockPattern,
+        diagonal: Array,
+        dense: Sequence[DenseNormals],
+    ) -> BlockMatrix:
+        """Return the matrix of the second layer in the blocks of a pattern."""
+        plan, system, nodes = prepared.plan, prepared.system, self.nodes
         matrix = BlockMatrix.zeros(pattern) if self.points is None else self.points.matrix(pattern)
         if plan.rows is not None:
             plan.rows.add_to(matrix, system)
@@ -118,7 +159,7 @@ class Factorisation:
             d.add_to(nodes, matrix)
         nodes.add_diagonal(matrix, diagonal)
         nodes.hold(matrix)
-        self.fronts = Fronts.of(fronts, matrix, nodes.kept)
+        return matrix
 
     def smallest_pivot(self, diagonal: Array, *, fronts: float = 1.0, points: float = 1.0) -> float:
         """Return the smallest of the `relative_pivots`."""

@@ -172,7 +172,9 @@ def _gauss_newton(
         # wrongly.
         if first and run.state is run.began and not run.weighted:
             check_numerical_precision(normal.system, normal.resolution)
-        if first and (run.free or bool(np.any(run.unobserved(normal)))):
+        # Pivots of a preconditioner do not show defects of the whole.
+        defects = run.free or run.solver.iterative or bool(np.any(run.unobserved(normal)))
+        if first and defects:
             settle_datum(run, normal)
         # A free network's motion onto its inner constraints begins with a check.
         trusting = run.datum is not None

@@ -19,7 +19,8 @@ from scipy.sparse import csr_array, diags_array
 from ..errors import AdjustmentError, InputError, Problem, known
 from ..graph.equations import Equations
 from ..graph.variables import State
-from ..types import Array, Mask
+from ..types import NO_ROWS, Array, Mask
+from .conjugate_gradients import MAX_CLUSTER_NODES
 from .factorisation import EliminationPlan
 from .linearised_equations import LinearisedEquations
 
@@ -59,6 +60,8 @@ RELIABILITY_BYTES_PER_ROW = 2000
 """Bytes of the leverages, tests and detectable errors of each terrestrial row."""
 RELIABILITY_NUMBERS_PER_RAY = 30
 """Numbers of the reliability of each image point: its leverages, tests and detectable errors."""
+BYTES_PER_PAIR = 40
+"""Bytes of each pair of rays to one point while the pairs are sorted by their photos."""
 MIN_BYTES_CHECKED = 1e8
 """Bytes below which an adjustment is not compared with the free memory."""
 
@@ -254,13 +257,17 @@ class MemoryEstimate:
         )
 
 
-def estimate_memory(plan: EliminationPlan, equations: Equations, state: State) -> MemoryEstimate:
+def estimate_memory(
+    plan: EliminationPlan, equations: Equations, state: State, *, iterative: bool = False
+) -> MemoryEstimate:
     """Estimate the memory of an adjustment from its index lists.
 
     Args:
         plan: the layers of the elimination.
         equations: the network.
         state: any state; the fronts depend on where photos and points are.
+        iterative: whether conjugate gradients are to take the place of the fronts; a plan for
+            them is always estimated so.
     """
     rays = pairs = spokes = 0
     columns = 8
@@ -274,10 +281,18 @@ def estimate_memory(plan: EliminationPlan, equations: Equations, state: State) -
         points, pairs = plan.rays.n_points, len(plan.rays.left)
         if plan.rays.spokes is not None:
             spokes = len(plan.rays.spokes.points)
-    _, order = plan.nodes.structure(plan.pair_codes, lambda: plan.nodes.positions(state))
-    sizes = [(width * len(f.own), width * f.size + side) for f in order]
-    # Factors, and what waits for the parent at the same time: at most once more.
-    fronts = 2 * sum(own * whole for own, whole in sizes) + max((w * w for _, w in sizes))
+    if iterative or plan.clusters:
+        own, pairs = width * MAX_CLUSTER_NODES, 0
+        # Blocks of clusters and their inverses, and W of one cluster as a matrix of its points.
+        rays_of_nodes = NO_ROWS if plan.rays is None else np.bincount(plan.rays.node_of_ray)
+        most = np.sort(rays_of_nodes)[-MAX_CLUSTER_NODES:].sum()
+        fronts = 2 * plan.nodes.n * width * own + 3 * int(most) * own + 2 * side * side
+        fronts += 6 * plan.nodes.n * width * (width + side)
+    else:
+        _, order = plan.nodes.structure(plan.pair_codes, lambda: plan.nodes.positions(state))
+        sizes = [(width * len(f.own), width * f.size + side) for f in order]
+        # Factors, and what waits for the parent at the same time: at most once more.
+        fronts = 2 * sum(own * whole for own, whole in sizes) + max((w * w for _, w in sizes))
     w = 3 * width * (rays + spokes) * BYTES_PER_NUMBER
     of_rays = rays * (columns * BYTES_PER_NUMBER + LIST_BYTES_PER_RAY) + (
         CHUNK_BYTES if rays else 0
@@ -307,6 +322,37 @@ def free_memory_bytes() -> float:
         return float("inf")
 
 
+GRADIENTS_HINT = (
+    "or solve by conjugate gradients (adjust --solver conjugate-gradients, in Python "
+    "solver='conjugate_gradients'), without the covariances of all unknowns"
+)
+"""What to do where fronts, or pairs of photos, do not fit in memory."""
+
+
+def refuse_too_many_pairs(equations: Equations) -> None:
+    """Refuse a direct solution whose pairs of rays to common points do not fit in memory.
+
+    Their number grows with the square of the rays to a point, and they are listed before anything
+    else is known of the memory.
+
+    Raises:
+        InputError: the pairs take more memory than is free; it states both figures.
+    """
+    counts = np.zeros(len(equations.unknowns["point"].names))
+    for place in equations.rays:
+        points = equations.blocks[place].variables[2][1]
+        counts += np.bincount(points, minlength=len(counts))
+    pairs = float(np.sum(counts * (counts - 1.0))) / 2.0
+    needed, free = BYTES_PER_PAIR * pairs, free_memory_bytes()
+    if MIN_BYTES_CHECKED < needed > free:
+        raise InputError(
+            f"the adjustment of network {equations.network.name!r} takes about "
+            f"{needed / GIGABYTE:.2f} GB, for {pairs:.2g} pairs of rays to common points alone, "
+            f"and {free / GIGABYTE:.2f} GB of memory are free: end other programs, divide the "
+            f"network into parts, measure fewer points in the photos, {GRADIENTS_HINT}"
+        )
+
+
 def refuse_too_large(plan: EliminationPlan, equations: Equations, state: State) -> None:
     """Refuse an adjustment that takes more memory than there is.
 
@@ -319,8 +365,13 @@ def refuse_too_large(plan: EliminationPlan, equations: Equations, state: State) 
         return
     needed, free = estimate_memory(plan, equations, state), free_memory_bytes()
     if needed.adjustment > free:
+        other = ""
+        if plan.rays is not None and not plan.clusters:
+            less = estimate_memory(plan, equations, state, iterative=True).adjustment
+            if less < free:
+                other = f", {GRADIENTS_HINT} ({less / GIGABYTE:.2f} GB)"
         raise InputError(
             f"the adjustment of network {equations.network.name!r} takes about {needed}, and "
             f"{free / GIGABYTE:.2f} GB of memory are free: end other programs, divide the network "
-            "into parts, or measure fewer points in the photos"
+            f"into parts, or measure fewer points in the photos{other}"
         )

@@ -20,11 +20,12 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import qr
 
-from ..errors import SingularError
+from ..errors import InputError, SingularError
 from ..graph.equations import Equations
 from ..graph.variables import State
 from ..models.base import Linearised
 from ..types import Array, Index
+from .conjugate_gradients import NO_INVERSE
 from .datum_defects import FreeDatum
 from .elimination_layers import Layers, layers_of
 from .factorisation import EliminationPlan, Factorisation, PreparedElimination
@@ -59,6 +60,8 @@ below it QR of all unknowns is used."""
 MIN_QR_PIVOT = 1e-19
 """Pivot relative to its diagonal element of N that counts as zero in a QR factorisation, and for
 single points, whose poor pivots come from the rows too (`reduction.factorise_points`)."""
+SINGULAR_AT_END = "the normal equations are singular where the iteration stopped"
+"""Reason why a solution that has not converged may have no covariances."""
 MAX_SIGMA_ENLARGEMENT = 4.0
 """Largest factor by which a minimal datum may enlarge a standard deviation; above it a better
 minimal datum is chosen."""
@@ -197,6 +200,35 @@ class Solver:
         """Return the solver of the same equations with other weights; it shares the plan."""
         return replace(self, equations=equations, made=None, probing=probing)
 
+    @classmethod
+    def by_gradients(cls, equations: Equations, extra: Sequence[ExtraRows] = ()) -> Solver:
+        """Return a solver by conjugate gradients, which has no covariances of all unknowns.
+
+        Raises:
+            InputError: the network has no points that only photos see.
+        """
+        touched = np.zeros(equations.unknowns.n_columns, dtype=bool)
+        for e in extra:
+            touched[e.columns] = True
+        layers = layers_of(equations, reduce_points=True, touched=touched)
+        if layers.by_qr or not layers.reduced.any():
+            raise InputError(
+                "conjugate gradients solve the normal equations of photos after those of points "
+                f"that only photos see, and network {equations.network.name!r} has none; valid: "
+                "solver='direct'"
+            )
+        return cls(equations, EliminationPlan.by_gradients(equations, layers))
+
+    @property
+    def iterative(self) -> bool:
+        """Whether conjugate gradients solve the reduced system."""
+        return bool(self.plan.clusters)
+
+    @property
+    def no_inverse(self) -> str:
+        """Why a solution has no covariances, if it has none."""
+        return NO_INVERSE if self.iterative else SINGULAR_AT_END
+
     @property
     def layers(self) -> Layers:
         """Layers of the elimination."""
@@ -260,6 +292,13 @@ class NormalEquations:
             SingularError: an unknown is not determined.
         """
         solver = self.solver
+        if solver.iterative:
+            factor = self._factorise(extra, keep=keep)
+            pivot = factor.smallest_pivot(self.diagonal + extra)
+            self.smallest_pivot = pivot
+            if pivot <= MIN_CHOLESKY_PIVOT:
+                raise SingularError("a pivot vanished")
+            return factor
         if solver.qr_everywhere:
             factor = self._factorise(extra, keep=keep)
             if factor.smallest_pivot(self.diagonal + extra) <= MIN_QR_PIVOT:
@@ -314,7 +353,8 @@ class NormalEquations:
         if datum is not None:
             constraint = self.better_minimal_datum(constraint, datum, exact=True)
         factor = self._probed(constraint)
-        if factor.uncertainty > MAX_PROBE_ERROR and not self.solver.qr_everywhere:
+        exact = self.solver.qr_everywhere or self.solver.iterative
+        if factor.uncertainty > MAX_PROBE_ERROR and not exact:
             self.solver.turn_to_qr()
             self._elimination = self._kept = None
             factor = self._probed(constraint)

@@ -140,13 +140,7 @@ class ReducedPoints:
         n, w, k = rays.places.n, rays.width, y.shape[1]
         z = self.cholesky.lower(y[rays.layers.point_columns].transpose(1, 2, 0))
         of_points = np.ascontiguousarray(z.transpose(2, 0, 1)).reshape(rays.n_points, 3 * k)
-        nodes = reduced[: n * w].reshape(n, w, k)
-        for part in rays.parts:
-            rows = self.w[part.rows]
-            along = np.take(of_points, part.points, axis=0)
-            for node, start, stop in part.runs:
-                one = rows[start:stop].reshape(-1, w)
-                nodes[node] -= one.T @ along[start:stop].reshape(-1, k)
+        self._subtract_spread(of_points, reduced[: n * w].reshape(n, w, k))
         if rays.side:
             border = reduced[n * w : n * w + rays.side]
             border -= self.shared.reshape(-1, rays.side).T @ of_points.reshape(-1, k)
@@ -161,15 +155,66 @@ class ReducedPoints:
         if rays.side:
             border = x[n * w : n * w + rays.side]
             moved[:] = (self.shared.reshape(-1, rays.side) @ border).reshape(-1, 3 * k)
-        for part in rays.parts:
+        self._add_sums(nodes, moved)
+        t = z - moved.reshape(-1, 3, k).transpose(1, 2, 0)
+        return self.cholesky.upper(t).transpose(2, 0, 1)
+
+    def followed(self, x: Array) -> Array:
+        """Return how points follow a movement x (n_columns, k) of the rest: −L⁻ᵀ W x, (p, 3, k).
+
+        Of movements with the covariance Q, Q_pp is the covariance of it and L⁻ᵀL⁻¹.
+        """
+        columns = self.rays.places.columns
+        reduced = np.where(columns[:, None] >= 0, x[np.maximum(columns, 0)], 0.0)
+        z = np.zeros((3, x.shape[1], self.rays.n_points))
+        return self.backward(z, reduced)
+
+    def own_variances(self) -> Array:
+        """Return the variances of the points where everything else is held, (p, 3)."""
+        identity = np.zeros((6, self.rays.n_points))
+        identity[list(DIAGONAL_ELEMENTS)] = 1.0
+        return np.diagonal(self.covariances(identity), axis1=1, axis2=2)
+
+    def _subtract_spread(self, of_points: Array, nodes: Array) -> None:
+        """Subtract Wᵀ z, z (p, 3 k) at the points, from the nodes (n, w, k), in place."""
+        w, k = nodes.shape[1:]
+        for part in self.rays.parts:
+            rows = self.w[part.rows]
+            along = np.take(of_points, part.points, axis=0)
+            for node, start, stop in part.runs:
+                one = rows[start:stop].reshape(-1, w)
+                nodes[node] -= one.T @ along[start:stop].reshape(-1, k)
+
+    def _add_sums(self, nodes: Array, moved: Array) -> None:
+        """Add W x of the nodes (n, w, k) to the points (p, 3 k), in place."""
+        w, k = nodes.shape[1:]
+        for part in self.rays.parts:
             rows = self.w[part.rows]
             along = np.empty((len(rows), 3 * k))
             for node, start, stop in part.runs:
                 one = rows[start:stop].reshape(-1, w)
                 along[start:stop] = (one @ nodes[node]).reshape(-1, 3 * k)
             part.sums.add(moved, along)
-        t = z - moved.reshape(-1, 3, k).transpose(1, 2, 0)
-        return self.cholesky.upper(t).transpose(2, 0, 1)
+
+    def between_nodes(self, nodes: Array) -> Array:
+        """Return Σ w_iᵀ w_j x_j over all pairs of different nodes, for x (n, w, k)."""
+        moved = np.zeros((self.rays.n_points, 3 * nodes.shape[2]))
+        self._add_sums(nodes, moved)
+        out = self._own[:, :, : self.rays.width] @ nodes
+        self._subtract_spread(moved, out)
+        return np.asarray(-out)
+
+    def partials_of(self, nodes: Index) -> Array:
+        """Return W (3 q, m w) of the q points that some nodes (m,) see."""
+        rays, w = self.rays, self.rays.width
+        own = [rays.of_node(node) for node in nodes.tolist()]
+        seen, row = np.unique(rays.point_of_ray[np.concatenate(own)], return_inverse=True)
+        out = np.zeros((len(seen), 3, len(nodes), w))
+        at = 0
+        for place, mine in enumerate(own):
+            out[row[at : at + len(mine)], :, place] = self.w[mine]
+            at += len(mine)
+        return out.reshape(3 * len(seen), -1)
 
     def carried(self, point: int) -> tuple[Index, Array, Array]:
         """Return how a point follows the other unknowns: x_p = C x + L⁻ᵀ e, e with covariance I.

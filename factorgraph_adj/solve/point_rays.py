@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -78,8 +79,15 @@ class RayPart(Spokes):
 class PointRays:
     """Rays to the points of the first layer, nodes and pairs of nodes."""
 
-    def __init__(self, equations: Equations, nodes: Nodes) -> None:
-        """Sort the rays."""
+    def __init__(self, equations: Equations, nodes: Nodes, *, paired: bool = True) -> None:
+        """Sort the rays.
+
+        Args:
+            equations: the network.
+            nodes: places of the photos in the reduced system.
+            paired: whether pairs of nodes are listed; their number grows with the square of the
+                rays to a point.
+        """
         self.places, self.layers = nodes, nodes.layers
         """Places of the photos in the reduced system."""
         self.n_points = int(nodes.layers.reduced.sum())
@@ -106,7 +114,9 @@ class PointRays:
         """Spokes; None: there are none."""
         self.node_of_ray = np.concatenate([of_ray, of_spoke.astype(np.int32)])
         """Node of every ray and spoke, (n_rays,)."""
-        self._pairs(points, self.node_of_ray)
+        self.point_of_ray = points
+        """Point of the first layer of every ray and spoke, (n_rays,)."""
+        self._pairs(points, self.node_of_ray, paired=paired)
 
     def _parts(self, equations: Equations) -> tuple[Index, Index]:
         """Choose the rays of each chunk; return point and node of every ray, (n_rays,) each."""
@@ -154,19 +164,20 @@ class PointRays:
 
     # -- pairs of nodes ---------------------------------------------------------------------------
 
-    def _pairs(self, points: Index, nodes: Index) -> None:
+    def _pairs(self, points: Index, nodes: Index, *, paired: bool) -> None:
         """List, for every pair of nodes, the rays to their common points.
 
         Args:
             points: number of the point of each ray, (n_rays,).
             nodes: node of each ray, (n_rays,).
+            paired: whether there are any.
         """
         order = stable_order(points, self.n_points).astype(np.int32)
         counts = np.bincount(points, minlength=self.n_points)
         self._by_point, self._first = order, np.concatenate([[0], np.cumsum(counts)])
         first = self._first[:-1]
         left, right = [np.zeros(0, np.int32)], [np.zeros(0, np.int32)]
-        for n in np.unique(counts[counts > 1]):
+        for n in np.unique(counts[counts > 1]) if paired else ():
             rays = order[first[counts == n][:, None] + np.arange(n)]
             i, j = np.triu_indices(int(n), 1)
             left.append(rays[:, i].ravel())
@@ -189,6 +200,18 @@ class PointRays:
     def of_point(self, point: int) -> Index:
         """Return the numbers of the rays to a point of the first layer."""
         return np.asarray(self._by_point[self._first[point] : self._first[point + 1]], np.intp)
+
+    @cached_property
+    def _by_node(self) -> tuple[Index, Index]:
+        """Rays in the order of their nodes, and the first of each node there."""
+        order = stable_order(self.node_of_ray, self.places.n)
+        counts = np.bincount(self.node_of_ray, minlength=self.places.n)
+        return order, np.concatenate([[0], np.cumsum(counts)])
+
+    def of_node(self, node: int) -> Index:
+        """Return the numbers of the rays of a node."""
+        order, first = self._by_node
+        return np.asarray(order[first[node] : first[node + 1]], np.intp)
 
     @property
     def pair_codes(self) -> Index:

@@ -397,10 +397,7 @@ class Solution(Shown):
 
     @with_one_thread
     def cofactor_times(self, y: Array) -> Array:
-        """Return Q y for y (n_columns, k); in a free network Q is on the inner constraints.
-
-        Q = S Q_min Sᵀ with S = I − B B_Dᵀ, B of `FreeDatum.basis`.
-        """
+        """Return Q y for y (n_columns, k); in a free network Q = S Q_min Sᵀ, S = I − B B_Dᵀ."""
         if self.datum is None:
             return self.factor.solve(y)
         basis, masked = self.datum.basis, self.datum.masked
@@ -420,6 +417,8 @@ class Solution(Shown):
 
     def _own(self, kind: VariableKind, name: str, columns: Index) -> Array:
         """Return the cofactor of one variable, from the selected inverse if digits suffice."""
+        if self.run.solver.iterative:
+            return self._cross(columns, columns)
         number = self.number(kind, name)
         if kind == "point" and self.factor.layers.reduced[number]:
             every, place = self._reduced

@@ -249,7 +249,8 @@ def _plan_text(plan: PlanDrawing, t: Texts) -> list[str]:
     out = [t.number("plan_text", points, photos=len(plan.centres))]
     p = plan.precision
     if p is None:
-        out.append(t("plan_singular"))
+        iterative = report.solution.run.solver.iterative
+        out.append(t("plan_iterative" if iterative else "plan_singular"))
     elif plan.without_plan:
         if p.height.any():
             worst = int(p.height.argmax())

@@ -219,7 +219,9 @@ def _cause(report: Report, t: Texts) -> list[Light]:
 def _controlled(report: Report, t: Texts) -> Light:
     rel, title = report.reliability, t("light_controlled")
     if rel is None or report.solution.redundancy <= 0:
-        return Light("amber", title, t("light_controlled_nothing"), link="groups")
+        unknown = report.solution.redundancy > 0
+        what = "light_controlled_unknown" if unknown else "light_controlled_nothing"
+        return Light("amber", title, t(what), link="groups")
     n = int((~rel.controlled & ~report.stiff).sum())
     if not n:
         least = max(float(rel.redundancy_numbers[~report.stiff].min(initial=1.0)), 0.0)

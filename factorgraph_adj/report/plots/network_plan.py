@@ -102,7 +102,7 @@ def draw_heights(
     points = unknowns["point"].names
     size = np.zeros(n) if precision is None else precision.height
     if precision is None:
-        write_headline(axes, name, "no precision: singular where the iteration stopped")
+        write_headline(axes, name, "no covariances")
     elif not size.any():
         write_headline(axes, name, "every height is held")
     else:
@@ -307,7 +307,7 @@ def _plan_view(
     legend += draw_instruments(axes, found.instruments)
     if precision is None:
         write_headline(axes, name)
-        notes.append("no ellipses: the normal equations are singular where the iteration stopped")
+        notes.append(f"no ellipses: {solution.run.solver.no_inverse}")
     else:
         shown = draw_confidence_regions(axes, precision, at, centres, (low, high))
         write_headline(axes, name, shown.title, width=across - 2.2)
