@@ -14,7 +14,7 @@ def test_a_report_is_written_with_the_options_of_the_run(tmp_path, capsys):
     options = ["--quiet", "--ellipses", "0.9", "--date", "today", "--report", str(file)]
     assert main(["adjust", BLOCK, *options, "--language", "de"]) == 0
     said = capsys.readouterr()
-    assert said.err == "" and said.out.startswith("no indication of gross errors; σ̂0 0.98676")
+    assert said.err == "" and said.out.startswith("no indication of gross errors; σ̂0 0.98680")
     assert said.out.count("\n") == 1
     text = file.read_text(encoding="utf-8")
     assert '<html lang="de">' in text and "today" in text and "--ellipses 0.9" in text
