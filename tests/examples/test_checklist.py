@@ -102,8 +102,9 @@ def test_everything_that_rows_name_exists() -> None:
     for row in rows():
         wrong += [(row.name, e) for e in re.findall(r"`([^`]+)`", row.shown) if not exists(e)]
         for name in re.findall(r"(?<!\})`([^`]+)`", row.here):
-            known = name if name.startswith(("--", "factorgraph-adj")) else name.split("(")[0]
-            wrong += [(row.name, name)] if known not in names() else []
+            option = name.startswith(("--", "factorgraph-adj"))
+            written = [name] if option else name.split("(")[0].split(".")
+            wrong += [(row.name, w) for w in written if w not in names()]
             options = re.findall(r"(\w+)=", name)
             wrong += [(row.name, o) for o in options if o not in names()]
         for page in re.findall(r"\{doc\}`([^`]+)`", row.here):

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,7 +12,9 @@ import factorgraph_adj as fga
 from examples.papers.methods_1980 import METHODS, REPORTED, Table3, main, run_methods
 from examples.papers.methods_1980_block import MethodBlock, simulated_block
 from examples.papers.methods_1980_run import outcome, uncorrelated, with_corners
+from factorgraph_adj.simulation.generate.scene import corners, spread
 from factorgraph_adj.triangulation.independent_models import as_models
+from tests.loaders.borea import read_borea
 from tests.loaders.tsaiyoung import read_strip
 from tests.networks.strip import network_of_photos
 from tests.support.places import data_dir
@@ -116,9 +121,60 @@ def test_the_real_strip() -> None:
     bundle = table.of(25).outcome
     assert (bundle.n, bundle.u, bundle.r) == (124, 96, 28)
     assert bundle.sigma0 == pytest.approx(4.353, abs=0.0005)
+    assert "no signal" in table.of(27).reason
     models = table.of(24).outcome
     assert (models.n, models.u) == (120, 105)
     assert "distances and azimuths" in table.of(17).reason
     assert "not determined" in table.of(16).reason
     ran = [r.row.number for r in table.rows if r.outcome is not None]
     assert ran == [4, 5, 8, 11, 12, 13, 15, 18, 19, 21, 23, 24, 25, 28, 29, 30]
+
+
+FLOWN = ("00026", "00027", "00028")
+"""Three parallel strips of IGN's block that image points join."""
+
+
+def ign_block() -> MethodBlock:
+    """Return three strips of IGN: 16 delivered points are held, the other ones are checks.
+
+    The second strip was flown back: its photos stand in the other order, so that the last photo of
+    a strip does not overlap the first one of the next.
+    """
+    block = read_borea(data_dir("borea"))
+    first, second, third = ([p.name for p in block.strips[strip]] for strip in FLOWN)
+    flown = [*first, *second[::-1], *third]
+    count = Counter(n for p in flown for n in set(block.rays[p][0]))
+    chosen = {n for n in block.points if count[n] >= 2}
+    chosen = {n for i, n in enumerate(block.points) if n in chosen and i % 2 == 0}
+    flown = [p for p in flown if len(chosen.intersection(block.rays[p][0])) >= 10]
+    count = Counter(n for p in flown for n in set(block.rays[p][0]) & chosen)
+    names = [n for n in block.points if count[n] >= 2]
+    xy = np.array([block.points[n][:2] for n in names])
+    control = {names[i] for i in spread(xy, 16, corners(xy))}
+    given = block.network(points=names, sigma=0.3)
+    network = fga.Network("three strips of IGN", frame=block.frame)
+    network.cameras = dict(given.cameras)
+    for n in names:
+        at = tuple(block.points[n].tolist())
+        network.add_point(n, at, fixed="xyz" if n in control else "")
+        if n not in control:
+            network.points[n] = replace(network.points[n], check=at)
+    for p in flown:
+        photo = given.photos[p]
+        network.add_photo(p, photo.camera, position=photo.position, rotation=photo.rotation)
+        points, xy = block.rays[p]
+        on = [i for i, n in enumerate(points) if n in network.points]
+        network.add_image_points(p, [points[i] for i in on], xy[on], sigma=0.3)
+    return MethodBlock(network, network, image_base=12000.0)
+
+
+@pytest.mark.published
+def test_three_measured_strips_of_ign() -> None:
+    """A camera of today without film: what is left are models and chains of them."""
+    table = run_methods(ign_block(), numbers=(8, 11, 15, 20, 25, 27, 28, 29))
+    assert [r.row.number for r in table.rows if r.outcome is None] == []
+    for number in (15, 25, 27, 28, 29):
+        assert plan(table, number) < 0.015
+        assert table.of(number).rms[2] < 0.06
+    assert plan(table, 25) < plan(table, 20) < plan(table, 11) < plan(table, 8)
+    assert table.of(25).rms[2] < table.of(20).rms[2] < table.of(11).rms[2] < table.of(8).rms[2]
