@@ -189,6 +189,7 @@ def any_observation(draw):
     arguments |= {n: draw(st.sampled_from(UNIT_VECTORS)) for n in needed}
     numbers_needed = {"horizontal", "zenith", "bearing", "reference_x", "reference_y", "length"}
     numbers_needed |= {"interval", "film_x", "film_y"}
+    numbers_needed |= {"time"} - KINDS[kind].optional
     arguments |= {n: draw(st.floats(0.01, 3.0)) for n in sorted(numbers_needed & names)}
     ends = sorted({"start", "end"} & names)
     arguments |= {n: f"{n} of {arguments['point']}" for n in ends}
