@@ -115,7 +115,7 @@ def refine_images(
         _refuse_curved(network)
     equations = compile_rows(network)
     state = approximate(equations) if solution is None else _carried(equations, solution)
-    photo, point, xy, sigma = network.images.columns()
+    photo, point, xy, _ = network.images.columns()
     causes = [c for c, asked in ((REFRACTION, refraction), (CURVATURE, curvature)) if asked]
     corrections = {cause: np.zeros_like(xy) for cause in causes}
     row_of = {f"{f}/{p}": i for i, (f, p) in enumerate(zip(photo, point, strict=True))}
@@ -144,7 +144,7 @@ def refine_images(
         raise InputError(problems)
     out = network.copy()
     refined = xy + sum(corrections.values())
-    out.images = network.images.with_columns(photo, point, refined, sigma)
+    out.images = network.images.with_columns(xy=refined)
     names, ends = list(network.photos), list(network.points)
     return RefinedImages(
         out,
