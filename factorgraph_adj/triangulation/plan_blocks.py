@@ -284,8 +284,9 @@ def radial_observations(
         least_radius: rays nearer to the radial centre are left out, principal distances.
 
     Returns:
-        A network in plan: a point ``centre …`` for each photo, all heights held. Points with one
-        direction that are not control are left out.
+        A network in plan: a point ``centre …`` for each photo, all heights held. Image points of a
+        point ``centre NAME`` of the network are directions to the station of the photo NAME. Points
+        with one direction that are not control are left out.
 
     Raises:
         InputError: an unknown radial centre, or a photo without an approximate pose or with a
@@ -310,7 +311,15 @@ def radial_observations(
         pose = state["pose"][network.photo_number[name]]
         if np.isnan(pose).any():
             raise InputError(Problem("it has no approximate pose", f"photo {name!r}"))
-        out.add_point(plan_station(name), (float(pose[9]), float(pose[10]), 0.0), fixed="z")
+        station = plan_station(name)
+        if station in out.points:  # the place below the photo, which other photos show
+            stated = out.points[station]
+            at = (float(pose[9]), float(pose[10]), 0.0)
+            out.points[station] = (
+                stated if all(stated.fixed[:2]) else replace(stated, coordinates=at)
+            )
+        else:
+            out.add_point(station, (float(pose[9]), float(pose[10]), 0.0), fixed="z")
     _add_directions(network, out, state["pose"], centre, least_radius)
     for o in of_quantities(network.observations.values(), *CONTROL_QUANTITIES):
         if axes := "".join(a for a in o.axes if a in "xy"):
@@ -338,12 +347,17 @@ def _add_directions(
     far = radius >= least_radius
     control = of_quantities(network.observations.values(), *CONTROL_QUANTITIES)
     observed = {o.point for o in control}
+    stations = {plan_station(f) for f in photos}
     held = np.array(
         [
-            all(p.fixed[:2]) or p.sigma is not None or n in observed
+            all(p.fixed[:2]) or p.sigma is not None or n in observed or n in stations
             for n, p in network.points.items()
         ]
     )
+    # A photo has no direction to its own centre.
+    own = {f: points.index(plan_station(f)) for f in photos if plan_station(f) in points}
+    below = np.array([own.get(f, -1) for f in photos], dtype=np.intp)
+    far &= rays.point != below[rays.photo]
     enough = held | (np.bincount(rays.point[far], minlength=len(points)) >= 2)
     for k in np.flatnonzero(far & enough[rays.point]).tolist():
         i, j = int(rays.photo[k]), int(rays.point[k])
