@@ -241,6 +241,10 @@ class MisfittingPlace:
     """The size that would be tolerated."""
     other: int | None = None
     """Number of the place with which it is exchanged; None: it is wrong by itself."""
+    statistic: float = float("nan")
+    """Its test value, χ² if nothing is wrong."""
+    freedom: int = 0
+    """Degrees of freedom of the test value."""
 
 
 def accusations(
@@ -301,6 +305,7 @@ def similarity_without_gross_errors(
         if share[worst] <= 1.0:
             return fit
         names = (pair.first.name, pair.second.name)
+        _, test, freedom = fit.tests()
         sizes = np.linalg.norm(error, axis=1)
         tolerances = sizes / np.sqrt(np.maximum(share, 1e-300))
         exchanged = _exchanged(pair, share)
@@ -309,13 +314,26 @@ def similarity_without_gross_errors(
                 size = float(np.linalg.norm(pair.b[i] - pair.b[j]))
                 own = float(tolerances[i])
                 wrong.append(
-                    MisfittingPlace(int(pair.keys[i]), names, size, own, int(pair.keys[j]))
+                    MisfittingPlace(
+                        int(pair.keys[i]),
+                        names,
+                        size,
+                        own,
+                        int(pair.keys[j]),
+                        float(test[i]),
+                        int(freedom[i]),
+                    )
                 )
             pair = pair.exchanged(*exchanged)
             continue
         wrong.append(
             MisfittingPlace(
-                int(pair.keys[worst]), names, float(sizes[worst]), float(tolerances[worst])
+                int(pair.keys[worst]),
+                names,
+                float(sizes[worst]),
+                float(tolerances[worst]),
+                statistic=float(test[worst]),
+                freedom=int(freedom[worst]),
             )
         )
         pair = pair.without(worst)
@@ -401,7 +419,16 @@ def gross_places(equations: Equations, wrong: list[MisfittingPlace]) -> Iterator
         ids: tuple[str, ...] = ()
         if other is not None:
             ids = ids_of_systems(equations.network, inside, {names[key], names[other]})
-        finding = Finding(what, remedy, size, most, "mm", ids)
+        finding = Finding(
+            what,
+            remedy,
+            size,
+            most,
+            "mm",
+            ids,
+            statistic=worst.statistic,
+            freedom=worst.freedom,
+        )
         found.append((worst.size / worst.tolerance, finding))
     found.sort(key=lambda each: -each[0])
     for _, finding in found[:MAX_LISTED_MISCLOSURES]:

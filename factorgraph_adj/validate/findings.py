@@ -18,6 +18,7 @@ import numpy as np
 from ..errors import InputError
 from ..graph.blocks import Block
 from ..graph.equations import Equations
+from ..statistical_tests import chi2_upper_probability
 from ..types import Array, Index
 from ..units import significant
 
@@ -54,6 +55,17 @@ class Finding:
     or of one reading alone."""
     cause: str = ""
     """The one mistake of those that people make that explains the misfit; empty: none does."""
+    statistic: float = nan
+    """Test statistic of the misfit, χ² if nothing is wrong; NaN if there is none."""
+    freedom: int = 0
+    """Degrees of freedom of the statistic."""
+
+    @property
+    def probability(self) -> float:
+        """Probability of a statistic as large by chance, of one comparison; NaN without one."""
+        if self.statistic != self.statistic:
+            return nan
+        return chi2_upper_probability(self.statistic, self.freedom)
 
     def __str__(self) -> str:
         """Return the finding as text."""
@@ -64,6 +76,10 @@ class Finding:
             size = f": {significant(one * self.size, 4)} {unit}".rstrip()
         if self.tolerance == self.tolerance:
             size += f", tolerance {significant(self.tolerance, 3)} {self.unit}".rstrip()
+        if self.statistic == self.statistic:
+            by_chance = f"{self.probability:.0e}" if self.probability > 1e-99 else "below 1e-99"
+            size += f" (χ² {self.statistic:.4g} with {self.freedom} degrees of freedom, "
+            size += f"by chance {by_chance})"
         return f"{self.what}{size}; {self.remedy}"
 
 

@@ -335,7 +335,11 @@ def _open_loops(fits: list[PlaceSimilarity]) -> Iterator[Finding]:
             (slice(0, 3), "turns", ANGLE["mgon"], "mgon"),
             (slice(3, 4), "scales", 1e-6, "ppm"),
         ):
-            share, off = _share(w[part], covariance[part, part]), float(np.linalg.norm(w[part]))
+            test, freedom = _misclosure_test(w[part], covariance[part, part])
+            if not freedom:
+                continue
+            share = test / float(chi2_upper_quantile(ALPHA_OF_PLACES, freedom))
+            off = float(np.linalg.norm(w[part]))
             if share > 1.0:
                 finding = Finding(
                     f"the {what} of the loop of {named} do not close",
@@ -343,6 +347,8 @@ def _open_loops(fits: list[PlaceSimilarity]) -> Iterator[Finding]:
                     off / size,
                     off / size / float(np.sqrt(share)),
                     unit,
+                    statistic=test,
+                    freedom=freedom,
                 )
                 found.append((share, finding))
     found.sort(key=lambda each: -each[0])
@@ -379,11 +385,9 @@ def _around(
     return along, w, covariance
 
 
-def _share(w: Array, covariance: Array) -> float:
-    """Return the test value of a misclosure, in units of its limit."""
+def _misclosure_test(w: Array, covariance: Array) -> tuple[float, int]:
+    """Return the test value of a misclosure, and its degrees of freedom."""
     values, vectors = np.linalg.eigh(covariance)
     known_ones = values > 1e-12 * values[-1]
-    if not known_ones.any():
-        return 0.0
-    test = float(np.sum((vectors.T @ w)[known_ones] ** 2 / values[known_ones]))
-    return test / float(chi2_upper_quantile(ALPHA_OF_PLACES, int(known_ones.sum())))
+    test = np.sum((vectors.T @ w)[known_ones] ** 2 / values[known_ones])
+    return float(test), int(known_ones.sum())

@@ -6,11 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 import factorgraph_adj as fga
 from factorgraph_adj import FrameCoordinate, LocalFrame, Network, preliminary
 from factorgraph_adj.graph.equations import compile_rows
 from factorgraph_adj.rotation import exp_rotation
+from factorgraph_adj.simulation.generate.control import Control
+from factorgraph_adj.simulation.generate.photo_blocks import Aerial
+from factorgraph_adj.simulation.spec import Spec, simulate
+from factorgraph_adj.triangulation.independent_models import as_models
 from factorgraph_adj.validate.common_places import PlaceSystem, common_places
 from factorgraph_adj.validate.network_structure import check
 from tests.networks.every_kind import FRAMES
@@ -327,3 +332,31 @@ def test_a_frame_without_values_has_no_sights_to_judge() -> None:
     for name, frame in network.frames.items():
         network.frames[name] = replace(frame, values=(np.nan,) * 6 + (0.0,))
     assert list(check(network)) == []
+
+
+def test_a_wrong_point_of_a_model_is_named_with_its_error_probability() -> None:
+    """Relatively oriented models with joint covariances (Bouloucos), before the adjustment."""
+    spec = Spec(
+        parts=(Aerial(strips=2, photos_per_strip=4, relief=20.0, points_per_photo=20),),
+        control=Control(),
+        seed=7,
+    )
+    models = as_models(simulate(spec).network).network
+    assert told(models) == []
+    off = value(models, "1/2-1/3", "10") + np.array((0.0, 0.0, 1.0))
+    (found,) = preliminary(changed(models, "1/2-1/3", "10", value=tuple(off)))
+    assert found.what.startswith("point '10' in frame '1/1-1/2' and frame '1/2-1/3'")
+    assert found.freedom == 3 and found.statistic > chi2.ppf(0.999, 3)
+    assert found.probability == pytest.approx(chi2.sf(found.statistic, 3), rel=1e-9)
+    shown = str(found)
+    assert f"with 3 degrees of freedom, by chance {found.probability:.0e})" in shown
+
+
+def test_loops_have_statistics_of_turns_and_scales() -> None:
+    (turns,) = preliminary(chain(twist=0.01))
+    (scales,) = preliminary(chain(stretch=1.01))
+    assert (turns.freedom, scales.freedom) == (3, 1)
+    for found in (turns, scales):
+        limit = chi2.isf(0.001, found.freedom)
+        assert (found.size / found.tolerance) ** 2 == pytest.approx(found.statistic / limit)
+        assert 0.0 <= found.probability < 0.001
