@@ -5,6 +5,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from operator import itemgetter
 from typing import Any, NamedTuple, TypeAlias
 
@@ -94,11 +95,19 @@ def sort_of(block: Block) -> Sort:
         block.dimension,
         block.prior,
         block.whitener is None,
-        None if block.lens is None else block.lens.names,
-        type(block.lens),
-        block.model if block.prior else None,
+        block.lens,
+        block.readout,
+        block.model if block.prior else _options(block.model),
         tuple((k, v.shape[1:]) for k, v in sorted(block.constants.items())),
     )
+
+
+def _options(model: object) -> tuple[object, ...]:
+    """Return what a model is given for all observations of a block: axes, or lens and readout."""
+    if not isinstance(model, partial):
+        return ()
+    given = tuple(sorted(model.keywords.items()))
+    return (given, *model.args[1:], *_options(model.func), *map(_options, model.args[:1]))
 
 
 class Rows:

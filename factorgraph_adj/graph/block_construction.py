@@ -239,7 +239,7 @@ def _plain_block(
         fixes=kind.fixes,
         roles=tuple(own.index(first[j]) for j in there) if len(own) < len(there) else (),
         named=tuple(kind.variables[j][1] for j in there),
-        widths=widths,
+        widths={there.index(j): width for j, width in widths.items() if j in there},
         composed=kind.moved,
     )
 

@@ -211,6 +211,8 @@ class Block:
             if len(state["calibration"]) == 1:  # one camera: no copy for each row
                 values[1] = state["calibration"]
             values[1] = values[1][:, :k]
+            if self.readout is not None:
+                values[3] = values[3][:, : self.readout.components]
             return image(
                 frame,
                 *values,

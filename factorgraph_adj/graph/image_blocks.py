@@ -18,7 +18,7 @@ from ..errors import InputError, Problem
 from ..models.base import DegenerateError
 from ..models.image import by_rotation, components, in_front
 from ..models.lens import Pair
-from ..models.rolling_shutter import MOTION, Turns
+from ..models.rolling_shutter import MOTION, VELOCITY, Turns
 from ..network.network import Network
 from ..types import Array, Index
 from .blocks import Block
@@ -54,16 +54,9 @@ def image_blocks(network: Network, unknowns: Unknowns) -> Iterable[Block]:
     stated = unknowns["photo_motion"].number
     motion = np.array([stated.get(f, stated[DEFAULT]) for f in network.photos], dtype=np.intp)
     # All photos of a camera are in the same block, because they share its calibration.
-    moving_cameras = {f.camera for f in network.photos.values() if f.name in stated}
+    readouts = network.readouts()
     correlated = {camera_of[f] for f in np.unique(photo[correlation != 0.0]).tolist()}
-    for f in network.photos.values():
-        if f.name in stated:
-            network.check_readout(f.name, f"motion of photo {f.name!r}")
-    forms = []
-    for name in camera_of:
-        camera = network.cameras[name]
-        readout = camera.times() if name in moving_cameras else None
-        forms.append((camera.lens, readout, name in correlated))
+    forms = [(network.cameras[c].lens, readouts.get(c), c in correlated) for c in camera_of]
     distinct = {form: number for number, form in enumerate(dict.fromkeys(forms))}
     form_of_row = np.array([distinct[form] for form in forms])[photo]
     joint = network.images.is_joint
@@ -232,7 +225,7 @@ class ImageChunks:
     @property
     def own(self) -> int:
         """Number of components of the photo's own: of its pose, and of its motion if it has one."""
-        return POSE + (MOTION if self.block.readout is not None else 0)
+        return POSE + (0 if self.block.readout is None else self.block.readout.components)
 
     @cached_property
     def alone(self) -> Index:
@@ -392,7 +385,7 @@ class ImageChunks:
             weigh(found.by_k[parameter], rows, out)
         if turns is not None:
             at_row = [np.stack(by_rotation(seen, components(g[:, row]))) for row in range(2)]
-            a[9:12] = turns.by_turn(np.stack(at_row, axis=1))
+            by_vector = turns.by_vector(np.stack(at_row, axis=1))
             g = turns.to_middle(g)
         for row in range(2):
             turned = by_rotation(ray, (g[0, row], g[1, row], g[2, row]))
@@ -401,7 +394,10 @@ class ImageChunks:
             for row in range(2):
                 np.matmul(-turn, g[:, row, start:stop], out=a[3:6, row, start:stop])
         if turns is not None:
-            np.multiply(a[3:6], turns.time, out=a[6:9])
+            for j, power in enumerate(turns.powers):
+                first = POSE + MOTION * j
+                np.multiply(a[3:6], power, out=a[first : first + VELOCITY])
+                np.multiply(by_vector, power, out=a[first + VELOCITY : first + MOTION])
         return a
 
     def _move(self, chunk: Chunk, state: State, d: Array, x: Array, y: Array) -> Turns | None:
@@ -417,12 +413,13 @@ class ImageChunks:
         Returns:
             The turns since the middle row; None: the photos have no motion.
         """
-        if self.block.readout is None:
+        readout = self.block.readout
+        if readout is None:
             return None
         motion = state["photo_motion"][self.block.variables[3][1][chunk.rows]]
-        time = self.block.readout.times(x, y)
-        d -= time * motion[:, :3].T
-        return Turns.of(motion[:, 3:], time)
+        turns, shift = Turns.of(motion[:, : readout.components], readout.times(x, y))
+        d -= shift.T
+        return turns
 
     def _whiten(self, pair: Pair, rows: slice, out: Array) -> None:
         """Write values of both components times the whitener to out (2, m)."""

@@ -470,7 +470,7 @@ def _parameters(kind: UnknownKind, stated: Mapping[Key, Parameter]) -> _Raw:
     """Arrange the parameters of one kind, the default first."""
     entries = {parameter_name(key): p for key, p in stated.items()}
     if kind.default is not None:
-        k = kind.size
+        k = kind.usual
         entries = {DEFAULT: Parameter(kind.default, (True,) * k, (np.inf,) * k)} | entries
     n = len(entries)
     values = np.zeros((n, kind.size))

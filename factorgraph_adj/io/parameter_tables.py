@@ -164,9 +164,11 @@ def _size(row: FieldRow, kind: UnknownKind, given: list[float | None]) -> int:
     if not kind.variable_size:
         return kind.size
     size = max((i + 1 for i, v in enumerate(given) if v is not None), default=0)
-    if size == 0:
+    least = 0 if kind.default is None else kind.usual  # these have defaults
+    if size == 0 and least == 0:
         row.wrong(f"{_column(kind.components[0])} is missing")
-    missing = [_column(kind.components[i]) for i in range(size) if given[i] is None]
+    size = max(size, least)
+    missing = [_column(kind.components[i]) for i in range(least, size) if given[i] is None]
     if missing:
         row.wrong(f"{missing[0]} is missing: components are given without a gap")
     return size or kind.size

@@ -360,7 +360,7 @@ class UnknownsReader:
 
     def _parameter_stand_in(self, kind: UnknownKind, name: str) -> None:
         """Put a stand-in for a bad row into the network, so that other rows can refer to it."""
-        values = [0.0 if np.isnan(c.start) else c.start for c in kind.components]
+        values = [0.0 if np.isnan(c.start) else c.start for c in kind.components[: kind.usual]]
         fixed = parameter_table(kind).held_unless_free
         self.network.set_unknown(kind.name, name, values, fixed=fixed)
 

@@ -17,6 +17,7 @@ from ..rotation import right_jacobian_inverse, skew
 from ..types import Array, Index, Mask
 from .arcs import GM, TERMS
 from .positions import heights
+from .rolling_shutter import MOTION
 from .sub_frame import horizons, split_frame
 
 
@@ -121,10 +122,24 @@ def of_photo_motions(motions: Motions, values: Array, at: Index) -> Array:
 
     Turns are about the axes of the camera, which turn with the object.
     """
-    out = np.zeros((len(values), 6, 7))
-    out[:, :3, 3:6] = -skew(values[:, :3]) / motions.size
-    out[:, :3, 6] = values[:, :3] / motions.size
+    out = np.zeros((len(values), values.shape[1], 7))
+    for first in range(0, values.shape[1], MOTION):
+        _turn_and_scale(motions, values, first, out)
     return out
+
+
+def _turn_and_scale(motions: Motions, values: Array, first: int, out: Array) -> None:
+    """Let the vector of three components from ``first`` on turn with the object and scale with it.
+
+    Args:
+        motions: the seven motions.
+        values: stored values, (n, s).
+        first: place of the vector.
+        out: motions of all components, (n, s, 7), changed in place.
+    """
+    vector = values[:, first : first + 3]
+    out[:, first : first + 3, 3:6] = -skew(vector) / motions.size
+    out[:, first : first + 3, 6] = vector / motions.size
 
 
 def of_arcs(motions: Motions, values: Array, at: Index) -> Array:
@@ -136,9 +151,7 @@ def of_arcs(motions: Motions, values: Array, at: Index) -> Array:
     out = np.zeros((len(values), values.shape[1], 7))
     out[:, :3] = motions.of_places(values[:, :3])
     for first in (3, *range(TERMS, values.shape[1], 3)):
-        vector = values[:, first : first + 3]
-        out[:, first : first + 3, 3:6] = -skew(vector) / motions.size
-        out[:, first : first + 3, 6] = vector / motions.size
+        _turn_and_scale(motions, values, first, out)
     out[:, GM, 6] = 3.0 * values[:, GM] / motions.size
     return out
 

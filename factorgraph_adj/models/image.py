@@ -91,12 +91,12 @@ def image(
         pose: stored poses, (n, 12).
         calibration: parameters of the lens, (n, k).
         point: object points, (n, 3), metres.
-        motion: motions of the photos during the readout, (n, 6), see `rolling_shutter`.
+        motion: motions of the photos during the readout, (n, 6 d), see `rolling_shutter`.
         observed: measured coordinates, (n, 2).
         lens: the lens model.
         readout: times of the rows; None: the photos have no motion.
         jacobians: whether to compute partials by the pose's tangent [ω, δX₀] (n, 2, 6), the
-            calibration (n, 2, k), the point (n, 2, 3) and the motion (n, 2, 6).
+            calibration (n, 2, k), the point (n, 2, 3) and the motion (n, 2, 6 d).
 
     Raises:
         DegenerateError: a point has no image: for models of tangents, it lies in the focal plane.
@@ -107,8 +107,8 @@ def image(
     d = point - centre
     turns = None
     if motion is not None and readout is not None:
-        turns = Turns.of(motion[:, 3:], readout.times(observed[:, 0], observed[:, 1]))
-        d = d - turns.time[:, None] * motion[:, :3]
+        turns, shift = Turns.of(motion, readout.times(observed[:, 0], observed[:, 1]))
+        d = d - shift
     r = [[pose[:, 3 * i + j] for j in range(3)] for i in range(3)]
     qx, qy, qz = (d[:, 0] * r[0][j] + d[:, 1] * r[1][j] + d[:, 2] * r[2][j] for j in range(3))
     p = q = qx, qy, qz
@@ -122,11 +122,11 @@ def image(
     by_pose = np.empty((n, 2, 6))
     by_point = np.empty((n, 2, 3))
     by_k = np.empty((n, 2, len(found.by_k)))
-    by_motion = np.empty((n, 2, MOTION))
+    by_first = np.empty((n, 2, MOTION))
     for row in range(2):
         gx, gy, gz = (g[row] for g in found.by_p)
         if turns is not None:
-            by_motion[:, row, 3:] = turns.by_turn(np.stack(by_rotation(p, (gx, gy, gz)))).T
+            by_first[:, row, 3:] = turns.by_vector(np.stack(by_rotation(p, (gx, gy, gz)))).T
             gx, gy, gz = components(turns.to_middle(np.stack([gx, gy, gz])))
         for i, turned in enumerate(by_rotation(q, (gx, gy, gz))):
             by_pose[:, row, i] = turned
@@ -136,7 +136,8 @@ def image(
     np.negative(by_point, out=by_pose[:, :, 3:])
     if turns is None:
         return Linearised(v, (by_pose, by_k, by_point))
-    by_motion[:, :, :3] = turns.time[:, None, None] * by_pose[:, :, 3:]
+    by_first[:, :, :3] = by_pose[:, :, 3:]
+    by_motion = np.concatenate([t[:, None, None] * by_first for t in turns.powers], axis=2)
     return Linearised(v, (by_pose, by_k, by_point, by_motion))
 
 
@@ -180,7 +181,7 @@ def image_line(
         stored: frames of the lines, (n, 17).
         origin: O where it is a point, (n, 3).
         vertical: deflections there, (n, 2).
-        motion: motions of the photos during the readout, (n, 6); none: they stand still.
+        motion: motions of the photos during the readout, (n, 6 d); none: they stand still.
         observed: distances, (n, 1).
         x: measured coordinates x, (n,).
         y: measured coordinates y, (n,).
@@ -190,9 +191,8 @@ def image_line(
     rotation, centre = split_pose(pose)
     turns = None
     if motion is not None and readout is not None:
-        turns = Turns.of(motion[:, 3:], readout.times(x, y))
-        rotation = rotation @ turns.matrix
-        centre = centre + turns.time[:, None] * motion[:, :3]
+        turns, shift = Turns.of(motion, readout.times(x, y))
+        rotation, centre = rotation @ turns.matrix, centre + shift
     line = axis_of(frame, stored, origin, vertical)
     ray, ray_by_k = rays_and_partials(lens, np.stack([x, y], axis=1), calibration)
     # In the plane of ideal coordinates only n_x and n_y count; on the sphere all of n does.
@@ -214,7 +214,7 @@ def image_line(
     g = by_n[:, None]
     by_pose, by_motion = (
         g @ np.concatenate([skew(n), -by_zero], axis=2),
-        np.zeros((len(n), 1, MOTION)),
+        np.zeros((len(n), 1, MOTION if motion is None else motion.shape[1])),
     )
     if turns is not None:
         by_pose, by_motion = turns.of_moved_pose(by_pose)

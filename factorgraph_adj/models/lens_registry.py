@@ -24,6 +24,7 @@ from .orthogonal_lens import EbnerLens, GruenLens
 from .place_lens import ParallelLens
 from .ray_lens import DivisionLens, EquirectangularLens, FisheyeLens, FovLens, UnifiedLens
 from .rpc_lens import RpcLens
+from .scanner_lens import CylindricalLens, LineLens
 
 LENSES: dict[str, type[Lens]] = {}
 """Registered lens models by name."""
@@ -81,5 +82,7 @@ for _lens in (
     ParallelLens,
     FilmLens,
     RpcLens,
+    LineLens,
+    CylindricalLens,
 ):
     register_lens(_lens)

@@ -28,7 +28,7 @@ from ..rotation import log_rotation, right_jacobian_inverse
 from ..types import Array
 from .base import Linearised
 from .positions import split_pose
-from .rolling_shutter import MOTION
+from .rolling_shutter import MOTION, VELOCITY
 
 
 def photo_shift(
@@ -40,12 +40,13 @@ def photo_shift(
         frame: not used; every model has this argument.
         before: stored poses of A, (n, 12).
         after: stored poses of B, (n, 12).
-        motion: motions of the photos, (n, 6).
+        motion: motions of the photos, (n, 6) or, with higher powers, more.
         observed: differences from an even motion, (n, 3).
         interval: Δt, (n,) seconds.
     """
     moved = after[:, 9:] - before[:, 9:]
-    by_a, by_b, by_motion = (np.zeros((len(moved), 3, MOTION)) for _ in range(3))
+    by_a, by_b = (np.zeros((len(moved), 3, MOTION)) for _ in range(2))
+    by_motion = np.zeros((len(moved), 3, motion.shape[1]))
     by_a[:, :, 3:], by_b[:, :, 3:] = np.eye(3), -np.eye(3)
     by_motion[:, :, :3] = interval[:, None, None] * np.eye(3)
     v = interval[:, None] * motion[:, :3] - moved - observed
@@ -59,8 +60,9 @@ def photo_turn(
     relative = np.swapaxes(split_pose(before)[0], 1, 2) @ split_pose(after)[0]
     turn = log_rotation(relative)
     j = right_jacobian_inverse(turn)
-    by_a, by_b, by_motion = (np.zeros((len(turn), 3, MOTION)) for _ in range(3))
+    by_a, by_b = (np.zeros((len(turn), 3, MOTION)) for _ in range(2))
+    by_motion = np.zeros((len(turn), 3, motion.shape[1]))
     by_a[:, :, :3], by_b[:, :, :3] = j @ np.swapaxes(relative, 1, 2), -j
-    by_motion[:, :, 3:] = interval[:, None, None] * np.eye(3)
-    v = interval[:, None] * motion[:, 3:] - turn - observed
+    by_motion[:, :, VELOCITY:MOTION] = interval[:, None, None] * np.eye(3)
+    v = interval[:, None] * motion[:, VELOCITY:MOTION] - turn - observed
     return Linearised(v, (by_a, by_b, by_motion))

@@ -5,16 +5,19 @@ the middle row at the time zero, a row is read at
 
     t = T (row − middle row) / rows.
 
-During the readout the camera moves and turns evenly, with the velocity v in the axes of the network
-(m/s) and the turn ω about its own axes (rad/s); its pose R, X₀ is that at the middle row:
+During the readout the camera moves with the velocity v in the axes of the network (m/s) and turns
+by ω about its own axes (rad/s); its pose R, X₀ is that at the middle row. Scenes that take seconds,
+of line scanners and panoramic cameras, have terms of higher powers of t too:
 
-    X₀(t) = X₀ + v t,    R(t) = R Exp(ω t),    p = Exp(ω t)ᵀ q,  q = Rᵀ (X − X₀ − v t).
+    X₀(t) = X₀ + v t + v₂ t² + …,    R(t) = R Exp(ω t + ω₂ t² + …) = R Exp(w),
+
+    p = Exp(w)ᵀ q,    q = Rᵀ (X − X₀(t)).
 
 The time is that of the measured row, so that the weights stay those of measured coordinates, as in
-lens models from measured to ideal coordinates. With g = ∂v/∂p and g' = Exp(ω t) g the partials by
-pose and point are those of a ray q with g'; those by v are t times those by X₀, and
+lens models from measured to ideal coordinates. With g = ∂v/∂p and g' = Exp(w) g the partials by
+pose and point are those of a ray q with g'; those by v_j are tʲ times those by X₀, and
 
-    ∂v/∂ω = t J_r(ω t)ᵀ (g × p).
+    ∂v/∂ω_j = tʲ J_r(w)ᵀ (g × p).
 
 (Vautherin et al. 2016, Photogrammetric accuracy and modeling of rolling shutter cameras, ISPRS
 Annals III-3, 139–146, has the shift; the turn is added here.)
@@ -39,7 +42,9 @@ UNKNOWN_READOUT = 1.0
 VELOCITY = 3
 """Number of components of the velocity of a projection centre, the first of a motion."""
 MOTION = 6
-"""Number of components of the motion of a photo: velocity, turn."""
+"""Number of components of the motion of a photo for each power of t: a velocity, a turn."""
+HIGHEST_POWER = 3
+"""Highest power of t in the motion of a photo."""
 _ALONG: dict[Towards, tuple[int, float]] = {
     "down": (1, -1.0),
     "up": (1, 1.0),
@@ -59,6 +64,8 @@ class Readout:
     """Its value where the time is zero, image units."""
     rate: float
     """Time by image unit, seconds; negative if the readout proceeds against the axis."""
+    components: int = MOTION
+    """Number of components of the motions of its photos: six for each power of t."""
 
     @classmethod
     def of(cls, seconds: float, towards: Towards, low: Array, high: Array) -> Readout:
@@ -81,45 +88,59 @@ class Readout:
 
 @dataclass(frozen=True)
 class Turns:
-    """Turns Exp(ω t) of a camera since its middle row, at the times of n rays."""
+    """Turns Exp(Σ ω_j tʲ) of a camera since its middle row, at the times of n rays."""
 
-    time: Array
-    """t, (n,) seconds."""
+    powers: tuple[Array, ...]
+    """t, t², … of the motion, (n,) each."""
     vector: Array
-    """ω t, (n, 3) radians."""
+    """Σ ω_j tʲ, (n, 3) radians."""
     matrix: Array
-    """Exp(ω t), (n, 3, 3)."""
+    """Exp of these, (n, 3, 3)."""
 
     @classmethod
-    def of(cls, omega: Array, time: Array) -> Turns:
-        """Return the turns with angular velocities ω (n, 3) or (3,), rad/s, at times (n,)."""
-        vector = np.asarray(omega) * time[:, None]
-        return cls(time, vector, exp_rotation(vector))
+    def of(cls, motion: Array, time: Array) -> tuple[Turns, Array]:
+        """Return the turns and the shifts Σ v_j tʲ (n, 3) of motions.
+
+        Args:
+            motion: v_1, ω_1, v_2, ω_2 …, (n, 6 d) or (6 d,).
+            time: t, (n,) seconds.
+        """
+        degree = motion.shape[-1] // MOTION
+        powers = tuple(time**j for j in range(1, degree + 1))
+        shift, vector = (
+            sum(
+                (t[:, None] * motion[..., first + MOTION * j : first + MOTION * j + 3])
+                for j, t in enumerate(powers)
+            )
+            for first in (0, VELOCITY)
+        )
+        return cls(powers, np.asarray(vector), exp_rotation(np.asarray(vector))), np.asarray(shift)
 
     def to_camera(self, q: Array) -> Array:
-        """Return p = Exp(ω t)ᵀ q (3, n) of rays q (3, n)."""
+        """Return p = Exp(Σ ω_j tʲ)ᵀ q (3, n) of rays q (3, n)."""
         return np.asarray(np.einsum("nji,jn->in", self.matrix, q))
 
     def to_middle(self, g: Array) -> Array:
-        """Return g' = Exp(ω t) g (3, …, n) of partials g = ∂v/∂p (3, …, n)."""
+        """Return g' = Exp(Σ ω_j tʲ) g (3, …, n) of partials g = ∂v/∂p (3, …, n)."""
         return np.asarray(np.einsum("nij,j...n->i...n", self.matrix, g))
 
-    def by_turn(self, by_rotation: Array) -> Array:
-        """Return ∂v/∂ω (3, …, n) from the partials by a turn at the time of the ray, likewise."""
-        jacobian = right_jacobian(self.vector) * self.time[:, None, None]
-        return np.asarray(np.einsum("nji,j...n->i...n", jacobian, by_rotation))
+    def by_vector(self, by_rotation: Array) -> Array:
+        """Return ∂v/∂ the vector Σ ω_j tʲ, (3, …, n), from those by a turn of the ray, likewise.
+
+        Those by ω_j are tʲ times these.
+        """
+        return np.asarray(np.einsum("nji,j...n->i...n", right_jacobian(self.vector), by_rotation))
 
     def of_moved_pose(self, by_moved: Array) -> tuple[Array, Array]:
         """Return the partials by the pose and by the motion from those by the moved pose.
 
         Args:
-            by_moved: partials by the tangent of R Exp(ω t), X₀ + v t, (n, d, 6).
+            by_moved: partials by the tangent of R Exp(Σ ω_j tʲ), X₀ + Σ v_j tʲ, (n, d, 6).
 
         Returns:
-            Those by the tangent of R, X₀, and those by v, ω, (n, d, 6) each.
+            Those by the tangent of R, X₀, (n, d, 6), and those by the motion, (n, d, k).
         """
         by_turn, by_centre = by_moved[:, :, :3], by_moved[:, :, 3:]
         by_pose = np.concatenate([by_turn @ self.matrix.transpose(0, 2, 1), by_centre], axis=2)
-        time = self.time[:, None, None]
-        by_omega = by_turn @ right_jacobian(self.vector) * time
-        return by_pose, np.concatenate([by_centre * time, by_omega], axis=2)
+        by_first = np.concatenate([by_centre, by_turn @ right_jacobian(self.vector)], axis=2)
+        return by_pose, np.concatenate([by_first * t[:, None, None] for t in self.powers], axis=2)

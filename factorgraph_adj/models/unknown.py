@@ -161,6 +161,11 @@ class UnknownKind:
         return len(self.components)
 
     @property
+    def usual(self) -> int:
+        """Number of components where no values are given: those of the default, or all."""
+        return self.size if self.default is None else len(self.default)
+
+    @property
     def stored(self) -> int:
         """Length of the stored value of an unknown with all components."""
         return self.moving + len(self.constants)
@@ -266,6 +271,9 @@ class UnknownKind:
             found.append("its table is missing: a project could not state it")
         if self.absent == "default" and self.default is None:
             found.append("absent names mean a default, but there is none")
-        if self.default is not None and len(self.default) != self.size:
+        most = self.default is not None and len(self.default)
+        if most is not False and not (
+            most == self.size or (self.variable_size and most < self.size)
+        ):
             found.append(f"its default must be {self.size} values, not {self.default}")
         return found

@@ -18,6 +18,7 @@ import numpy as np
 from ..errors import InputError, Problem, known
 from . import datum_motions
 from .deformation import COEFFICIENTS, DEFORMATIONS
+from .rolling_shutter import HIGHEST_POWER, MOTION
 from .unknown import ENTITIES, ROTATION, Component, MoveBy, Quantity, UnknownKind, UnknownTable
 
 __all__ = [
@@ -93,6 +94,13 @@ def unknown_kind(name: str) -> UnknownKind:
 def parameter_kinds() -> tuple[UnknownKind, ...]:
     """Return the kinds whose unknowns a network states as `Parameter`, in order."""
     return tuple(k for k in UNKNOWNS.values() if k.name not in ENTITIES)
+
+
+_MOVED: tuple[tuple[Quantity, tuple[str, ...]], ...] = (
+    ("length", ("x", "y", "z")),
+    ("angle", ("rx", "ry", "rz")),
+)
+"""Quantity and axes of the parts of a motion."""
 
 
 def _xyz(*, start: float = np.nan) -> tuple[Component, ...]:
@@ -192,15 +200,18 @@ _BUILT_IN: Sequence[UnknownKind] = (
         "photo_motion",
         "motion of photo",
         "x",
-        (
-            *(Component(f"{a}_t", "length", whole=True, power=1, time="s") for a in "xyz"),
-            *(Component(f"r{a}_t", "angle", whole=True, power=1, time="s") for a in "xyz"),
+        tuple(
+            Component(f"{a}_{'t' * power}", quantity, whole=True, power=power, time="s")
+            for power in range(1, HIGHEST_POWER + 1)
+            for quantity, axes in _MOVED
+            for a in axes
         ),
         short="motion",
+        variable_size=True,
         motions=datum_motions.of_photo_motions,
         late=1,
         table=UnknownTable("photo_motions", ("photo",)),
-        default=(0.0,) * 6,
+        default=(0.0,) * MOTION,
         absent="default",
         in_photo=True,
         remedy=(

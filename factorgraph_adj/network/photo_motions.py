@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from ..entities import Camera, Parameter, Photo, sigmas
 from ..errors import InputError, Problem, unknown_name
+from ..models.rolling_shutter import MOTION, Readout
 from ..models.unknown_registry import VariableKind, unknown_kind
 from ..observations.photo_motions import PhotoShift, PhotoTurn
 from .construction import required
@@ -121,6 +123,38 @@ class PhotoMotions:
                 "state readout and format of the camera, or no motion"
             )
             raise InputError(Problem(what, where))
+
+    def readouts(self) -> dict[str, Readout]:
+        """Return the times of the rows of the cameras whose photos move, by camera.
+
+        Raises:
+            InputError: photos that are not there, cameras without a readout time, and photos of one
+                camera whose motions differ in their highest power, as they share its equations.
+        """
+        out: dict[str, Readout] = {}
+        first: dict[str, str] = {}
+        problems = []
+        for photo, motion in self.of_kind(KIND).items():
+            where = f"motion of photo {photo!r}"
+            self.check_readout(photo, where)
+            camera = self.photos[photo].camera
+            readout, size = self.cameras[camera].times(), len(motion.values)
+            assert readout is not None
+            powers, rest = divmod(size, MOTION)
+            if rest:
+                what = f"it has {size} components, and {MOTION} for each power of t are needed"
+                problems.append(Problem(what, where))
+            known = out.setdefault(camera, replace(readout, components=size))
+            if known.components != size and not rest:
+                what = (
+                    f"it has powers of t up to {powers}, and that of photo {first[camera]!r} of "
+                    f"the same camera up to {known.components // MOTION}: state as many of both"
+                )
+                problems.append(Problem(what, where))
+            first.setdefault(camera, photo)
+        if problems:
+            raise InputError(problems)
+        return out
 
     def refuse_motions(self, photos: Iterable[str], what: str) -> None:
         """Refuse photos that have a motion; ``what`` needs one pose for all rows of a photo."""

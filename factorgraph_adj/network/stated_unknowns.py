@@ -54,7 +54,7 @@ class StatedUnknowns(StatedShapes, RefractedImages, Arcs):
             kind: name of the kind, see `factorgraph_adj.models.unknown_registry.UNKNOWNS`.
                 ``photo_motion``: velocity of the projection centre (x_t …, m/s, axes of the
                 network) and angular velocity (rx_t …, rad/s, camera axes x right, y down, z
-                forward), at the middle row.
+                forward), at the middle row; 12 or 18 values have terms of t² and t³ too.
             key: name of the unknown, or several names such as station and set.
             values: values of the components, SI; None: the start values of the kind.
             fixed: whether all components are held, or the names of the held components.
@@ -79,7 +79,7 @@ class StatedUnknowns(StatedShapes, RefractedImages, Arcs):
             required(keys[0], self.points, "point", where)
         if record.in_photo:
             self.check_readout(keys[0], where)
-        start = [c.start for c in record.components] if values is None else values
+        start = [c.start for c in record.components[: record.usual]] if values is None else values
         self.of_kind(kind)[key] = parameter(record, start, fixed, sigma, where)
 
     def of_kind(self, kind: VariableKind) -> dict[Any, Parameter]:

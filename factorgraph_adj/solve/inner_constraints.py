@@ -15,6 +15,7 @@ import numpy as np
 from ..errors import DatumError
 from ..graph.equations import Equations
 from ..graph.variables import State, Unknowns
+from ..models.rolling_shutter import MOTION as PER_POWER
 from ..models.rolling_shutter import VELOCITY
 from ..models.similarity import fit_similarity
 from ..models.sub_frame import split_frame
@@ -119,9 +120,11 @@ def moved_by_similarity(
     mounts, numbers = moved["mount"].copy(), _with_arms(equations, defect)
     mounts[numbers, ROTATION:] = factor * state["mount"][numbers, ROTATION:]
     table = equations.unknowns["photo_motion"]
-    on = in_part(table, defect.inside) & table.free[:, :VELOCITY].all(axis=1)
     motions = moved["photo_motion"].copy()
-    motions[on, :VELOCITY] = factor * state["photo_motion"][on, :VELOCITY] @ rotation.T
+    for first in range(0, motions.shape[1], PER_POWER):
+        own = slice(first, first + VELOCITY)
+        on = in_part(table, defect.inside) & table.free[:, own].all(axis=1)
+        motions[on, own] = factor * state["photo_motion"][on, own] @ rotation.T
     found = {"point": points, "pose": poses, "frame": frames, "mount": mounts}
     return {**moved, **found, "photo_motion": motions}
 

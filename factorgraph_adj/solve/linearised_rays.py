@@ -271,6 +271,7 @@ class LinearRays:
         _, (_, calibration), (_, point), *motions = self.block.variables
         free = self.chunks.lens_free
         lenses = lenses[:, free]
+        moving = [of[:, : self.chunks.own - POSE] for of in moving]  # as far as these photos have
         columns = np.ascontiguousarray(points.transpose(2, 1, 0))  # (k, 3, points)
         for part in self.parts:
             rows = part.chunk.rows
@@ -322,7 +323,7 @@ class LinearRays:
         """
         sums["pose"][photo] += value[:POSE]
         for kind, motion in self.block.variables[3:]:
-            sums[kind][motion[ray]] += value[POSE:]
+            sums[kind][motion[ray], : len(value) - POSE] += value[POSE:]
 
     def _values(self, kind: VariableKind, g: Array) -> Array:
         """Return G of every variable of a kind, (n, width, k); zero for held components."""

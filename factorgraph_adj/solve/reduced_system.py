@@ -18,7 +18,6 @@ from scipy.sparse import csr_array
 from ..graph.equations import Equations
 from ..graph.image_blocks import POSE
 from ..graph.variables import State, Variables
-from ..models.rolling_shutter import MOTION
 from ..models.unknown_registry import UNKNOWNS, VariableKind
 from ..types import NO_ROWS, Array, Index, Mask
 from .block_matrix import BlockMatrix, ElementPlaces
@@ -230,7 +229,8 @@ class Nodes(NodePlaces):
             own = _free_columns(free, int(pose.offset[f]), np.arange(POSE))
             if f in motions:
                 moved = int(unknowns["photo_motion"].offset[motions[f]])
-                own = np.concatenate([own, _free_columns(free, moved, np.arange(MOTION))])
+                size = int(unknowns["photo_motion"].size[motions[f]])
+                own = np.concatenate([own, _free_columns(free, moved, np.arange(size))])
             camera = photos[f]
             if camera is not None:
                 k, place = camera

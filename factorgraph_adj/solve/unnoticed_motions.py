@@ -18,7 +18,7 @@ from ..entities import parameter_name
 from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..models.datum_motions import Motions
-from ..models.rolling_shutter import VELOCITY
+from ..models.rolling_shutter import MOTION, VELOCITY
 from ..models.unknown_registry import UNKNOWNS, VariableKind
 from ..observations import KINDS
 from ..types import Array, Index, Mask
@@ -42,7 +42,7 @@ def zero_length_blocks(system: LinearisedEquations) -> Iterator[tuple[Block, Mas
         if block.prior:
             if block.variables[0][0] != "photo_motion":
                 continue
-            zero &= block.constants["which"] < VELOCITY
+            zero &= block.constants["which"] % MOTION < VELOCITY
         elif block.unit != "m" or block.fixes != "nothing":
             continue
         if zero.any():

@@ -16,6 +16,7 @@ from ..graph.equations import Equations
 from ..models.inverse_lens import sight_lines
 from ..models.lens import Lens
 from ..models.refracted_rays import rays_behind_port
+from ..models.rolling_shutter import Turns
 from ..observations.refracted_images import THROUGH_INTERFACE
 from ..types import Array, Index, Mask
 from .intersection import MIN_COMPARED_MISFIT
@@ -42,6 +43,8 @@ class ImageRays:
     """Unit vectors in camera axes (x right, y down, z forward), (n, 3)."""
     start: Array
     """Where they begin in camera axes, metres, (n, 3): zero but for lens models of places."""
+    shift: Array
+    """Shift of the projection centre since the middle row, axes of the network, metres, (n, 3)."""
 
 
 def read_rays(equations: Equations) -> ImageRays:
@@ -52,7 +55,7 @@ def read_rays(equations: Equations) -> ImageRays:
     are those beyond it.
     """
     photos, points = [np.zeros(0, np.intp)], [np.zeros(0, np.intp)]
-    starts, found = [np.zeros((0, 3))], [np.zeros((0, 3))]
+    starts, found, shifts = ([np.zeros((0, 3))] for _ in range(3))
     for block in equations.blocks:
         lens = block.lens or _lens_beyond_interface(equations, block)
         if lens is None:
@@ -67,15 +70,23 @@ def read_rays(equations: Equations) -> ImageRays:
             beyond = ("port", "refractive_index")
             port, n = (equations.unknowns[kind].values[index[kind]] for kind in beyond)
             start, rays = rays_behind_port(rays, port, n)
+        shift = np.zeros_like(rays)
+        if block.readout is not None:
+            motion = equations.unknowns["photo_motion"].values[index["photo_motion"]]
+            time = block.readout.times(*block.observed.T)
+            turns, shift = Turns.of(motion[:, : block.readout.components], time)
+            start, rays = (np.einsum("nij,nj->ni", turns.matrix, d) for d in (start, rays))
         photos.append(photo)
         points.append(point)
         starts.append(start)
         found.append(rays)
+        shifts.append(shift)
     return ImageRays(
         np.concatenate(photos),
         np.concatenate(points),
         np.concatenate(found),
         np.concatenate(starts),
+        np.concatenate(shifts),
     )
 
 
@@ -101,7 +112,7 @@ def world_rays(progress: SearchState, rays: ImageRays, rows: Index) -> tuple[Arr
     def turned(seen: Array) -> Array:
         return r[:, 0::3] * seen[:, :1] + r[:, 1::3] * seen[:, 1:2] + r[:, 2::3] * seen[:, 2:]
 
-    start, centre = rays.start[rows], pose[:, 9:]
+    start, centre = rays.start[rows], pose[:, 9:] + rays.shift[rows]
     return centre + turned(start) if start.any() else centre, turned(rays.direction[rows])
 
 

@@ -15,6 +15,8 @@ from factorgraph_adj.models.ray_lens import EquirectangularLens, FovLens, RayLen
 from factorgraph_adj.types import Array
 from tests.networks.every_kind import LENSES_USED
 
+PANORAMAS = ("equirectangular", "cylindrical")
+"""Models that have images of rays behind the camera, and none of its vertical axis."""
 RAY_LENSES = [n for n, used in LENSES_USED.items() if isinstance(used.lens, RayLens)]
 WIDEST = {"eucm": 105.0, "fov, narrow": 80.0}
 """Angle to the axis, degrees, up to which a model of this table has images; others: 170."""
@@ -109,7 +111,7 @@ def test_rational_lens_without_its_denominator_is_the_normalised_lens() -> None:
     np.testing.assert_allclose(v[0], v[1], atol=1e-13)
 
 
-@pytest.mark.parametrize("name", [n for n in RAY_LENSES if n != "equirectangular"])
+@pytest.mark.parametrize("name", [n for n in RAY_LENSES if n not in PANORAMAS])
 def test_ray_exactly_backwards_is_refused(name: str) -> None:
     lens = LENSES_USED[name].lens
     p = np.array([[0.1, 0.1, 1.0], [0.0, 0.0, -2.0]])

@@ -40,6 +40,17 @@ def test_partials_are_right(lens: str, towards: Towards) -> None:
     assert_partials_are_right(observed_as_computed(equations, state), state, steps)
 
 
+@pytest.mark.parametrize("powers", [2, 3])
+@pytest.mark.parametrize("lens", ["line", "cylindrical", "brown", "fisheye"])
+def test_partials_of_higher_powers_of_time_are_right(lens: str, powers: int) -> None:
+    equations, steps = every_kind.moving_image_equations(lens, "down", powers)
+    state = equations.unknowns.start()
+    assert_partials_are_right(observed_as_computed(equations, state), state, steps)
+    lines, steps = every_kind.moving_line_equations("down", powers)
+    state = lines.unknowns.start()
+    assert_partials_are_right(observed_as_computed(lines, state), state, steps)
+
+
 @pytest.mark.parametrize("towards", ["down", "right"])
 def test_partials_of_lines_in_images_are_right(towards: Towards) -> None:
     equations, steps = every_kind.moving_line_equations(towards)

@@ -18,7 +18,7 @@ from factorgraph_adj import observations as o
 from factorgraph_adj.ellipsoid import ellipsoid
 from factorgraph_adj.frames import Frame, GeocentricFrame, LocalFrame, TopocentricFrame
 from factorgraph_adj.graph.equations import Equations, compile_network
-from factorgraph_adj.models import lens, place_lens, ray_lens
+from factorgraph_adj.models import lens, place_lens, ray_lens, scanner_lens
 from factorgraph_adj.models.deformation import DEFORMATIONS, HEIGHT_TERMS
 from factorgraph_adj.models.film_lens import FilmLens
 from factorgraph_adj.models.grid_lens import GridLens
@@ -825,6 +825,11 @@ LENSES_USED: dict[str, Calibrated] = {
     "fov, narrow": Calibrated(ray_lens.FovLens(), _INTERIOR | {"w": 0.005} | _AFFINITY, 1e-3),
     "division": Calibrated(ray_lens.DivisionLens(), _INTERIOR | {"k1": -0.2} | _AFFINITY),
     "eucm": Calibrated(ray_lens.UnifiedLens(), _INTERIOR | {"alpha": 0.6, "beta": 1.1} | _AFFINITY),
+    "line": Calibrated(
+        scanner_lens.LineLens(),
+        _INTERIOR | {"k1": 2e-4, "k2": -3e-7, "t1": 3e-3, "t2": -2e-4},
+    ),
+    "cylindrical": Calibrated(scanner_lens.CylindricalLens(), _INTERIOR),
     "equirectangular": Calibrated(ray_lens.EquirectangularLens(), _INTERIOR),
     "parallel": Calibrated(place_lens.ParallelLens(), _INTERIOR | _BROWN | _AFFINITY | {"c": 3.0}),
     "film": Calibrated(FilmLens(), FILM),
@@ -887,17 +892,19 @@ def _share(used: lens.Lens) -> float:
     return 0.0002 if getattr(used, "residuals", "") == "measured" else 0.005
 
 
-def moving_image_equations(lens_name: str, towards: Towards) -> tuple[Equations, Array]:
+def moving_image_equations(
+    lens_name: str, towards: Towards, powers: int = 1
+) -> tuple[Equations, Array]:
     """Return image coordinates of a photo that moves as it is read, and a step for each column."""
     view = VIEWS["ordinary"]
     network = image_equations(lens_name, view)[0].network.copy()
-    give_motion(network, towards)
+    give_motion(network, towards, powers)
     equations = compile_network(network)
     camera = LENSES_USED[lens_name]
     steps = _image_steps(equations, camera, view, _share(camera.lens))
     pose = np.array(steps["pose"])
     # At the edges of the image the motion moves the pose by half the readout time as much.
-    steps["photo_motion"] = tuple(np.roll(pose, 3) / (READOUT / 2.0))
+    steps["photo_motion"] = _motion_steps(np.roll(pose, 3), powers)
     return equations, _steps(equations, steps)
 
 
@@ -926,11 +933,17 @@ def _image_steps(
     }
 
 
-def moving_line_equations(towards: Towards) -> tuple[Equations, Array]:
+def _motion_steps(first: Array, powers: int) -> tuple[float, ...]:
+    """Return steps along a motion that move the pose at the edges of the image as ``first``."""
+    half = READOUT / 2.0
+    return tuple(np.concatenate([first / half**j for j in range(1, powers + 1)]).tolist())
+
+
+def moving_line_equations(towards: Towards, powers: int = 1) -> tuple[Equations, Array]:
     """Return measured points of a line in an image that moves as it is read, and steps."""
     equations, steps = line_equations("brown", VIEWS["ordinary"])
     network = equations.network.copy()
-    give_motion(network, towards)
+    give_motion(network, towards, powers)
     moving = compile_network(network)
     here, there = equations.unknowns, moving.unknowns
     out = np.zeros(there.n_columns)
@@ -941,7 +954,7 @@ def moving_line_equations(towards: Towards) -> tuple[Equations, Array]:
                 out[mine] = steps[here.columns(kind, number)]
     pose = there.columns("pose", there["pose"].number["f"])
     motion = there.columns("photo_motion", there["photo_motion"].number["f"])
-    out[motion] = np.roll(out[pose], 3) / (READOUT / 2.0)
+    out[motion] = _motion_steps(np.roll(out[pose], 3), powers)
     return moving, out
 
 
@@ -949,12 +962,14 @@ READOUT = 0.03
 """Readout time of cameras whose photos move, seconds."""
 
 
-def give_motion(network: Network, towards: Towards) -> None:
+def give_motion(network: Network, towards: Towards, powers: int = 1) -> None:
     """Give the photo f a motion that is free, and its camera a rolling shutter."""
     network.cameras["camera"] = replace(
         network.cameras["camera"], format=(36.0, 24.0), readout=READOUT, readout_towards=towards
     )
-    network.set_unknown("photo_motion", "f", (9.0, -4.0, 2.0, 3.0, -2.0, 4.0))
+    motion = (9.0, -4.0, 2.0, 3.0, -2.0, 4.0)
+    terms = [v / READOUT**j for j in range(powers) for v in motion]
+    network.set_unknown("photo_motion", "f", terms)
 
 
 def line_equations(lens_name: str, view: View) -> tuple[Equations, Array]:

@@ -19,6 +19,7 @@ import numpy as np
 
 from ...entities import Key, Parameter, Photo, Point, parameter_name
 from ...errors import InputError, Problem
+from ...models.rolling_shutter import MOTION, VELOCITY
 from ...models.unknown_registry import UNKNOWNS, UnknownKind
 from ...observations import Observation
 from ...observations.positions import ControlPoint, PhotoPosition
@@ -282,29 +283,28 @@ def _motion(parameter: Parameter, move: GridMove, places: Moved, row: int) -> Pa
     """Motions of photos: v = K v_grid, K = ∂X/∂x; the turn is about the axes of the camera.
 
     A σ that is the same along all axes of the grid is nearly so along those of the frame: that of
-    each is taken from K Kᵀ σ², and correlations of less than a hundredth are left out.
+    each is taken from K Kᵀ σ², and correlations of less than a hundredth are left out. So are terms
+    of higher powers of time.
     """
-    velocity = np.array(parameter.values[:3])
     k = places.partials[row]
-    if not places.there(row):
-        if velocity.any() or np.isfinite(parameter.sigma[:3]).any():
-            raise InputError(no_place(""))
-        return parameter
-    sigma, fixed = parameter.sigma[:3], parameter.fixed[:3]
-    if len(set(sigma)) > 1 or len(set(fixed)) > 1:
-        what = (
-            "its velocity is held or weighted along axes of the grid that are others in the frame: "
-            "hold all of it or nothing, with the same standard deviation in all axes"
-        )
-        raise InputError(Problem(what))
-    scaled = sigma
-    if np.isfinite(sigma[0]):
-        scaled = tuple((sigma[0] * np.sqrt(np.diag(k @ k.T))).tolist())
-    return replace(
-        parameter,
-        values=(*(k @ velocity).tolist(), *parameter.values[3:]),
-        sigma=(*scaled, *parameter.sigma[3:]),
-    )
+    values, sigmas = list(parameter.values), list(parameter.sigma)
+    for first in range(0, len(values), MOTION):
+        own = slice(first, first + VELOCITY)
+        velocity, sigma, fixed = np.array(values[own]), sigmas[own], parameter.fixed[own]
+        if not places.there(row):
+            if velocity.any() or np.isfinite(sigma).any():
+                raise InputError(no_place(""))
+            continue
+        if len(set(sigma)) > 1 or len(set(fixed)) > 1:
+            what = (
+                "its velocity is held or weighted along axes of the grid that are others in the "
+                "frame: hold all of it or nothing, with the same standard deviation in all axes"
+            )
+            raise InputError(Problem(what))
+        values[own] = (k @ velocity).tolist()
+        if np.isfinite(sigma[0]):
+            sigmas[own] = (sigma[0] * np.sqrt(np.diag(k @ k.T))).tolist()
+    return replace(parameter, values=tuple(values), sigma=tuple(sigmas))
 
 
 def _frame(parameter: Parameter, move: GridMove, places: Moved, row: int) -> Parameter:
