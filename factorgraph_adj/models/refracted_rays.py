@@ -45,7 +45,7 @@ from .frame_axes import axis_of
 from .lens import Lens
 from .line_of_sight import up_by_angles
 from .positions import heights, split_pose
-from .rolling_shutter import MOTION, Readout, Turns
+from .rolling_shutter import Readout, Turns
 
 SNELL_ITERATIONS = 60
 """Largest number of steps of Newton's method along a ray; ordinary rays need five."""
@@ -185,8 +185,8 @@ class _Exposure:
     """Projection centres, (n, 3)."""
     turns: Turns | None
     """Turns since the middle of the readout; None: all rows are exposed at the same time."""
-    moves: bool
-    """Whether the photos have a motion, with or without a readout."""
+    components: int
+    """Number of components of the motions of the photos, with or without a readout."""
 
     @classmethod
     def of(
@@ -195,10 +195,9 @@ class _Exposure:
         """Return the moved poses of measured coordinates (n, 2)."""
         rotation, centre = split_pose(pose)
         if motion is None or readout is None:
-            return cls(rotation, centre, None, motion is not None)
-        turns = Turns.of(motion[:, 3:], readout.times(observed[:, 0], observed[:, 1]))
-        moved = centre + turns.time[:, None] * motion[:, :3]
-        return cls(rotation @ turns.matrix, moved, turns, True)
+            return cls(rotation, centre, None, 0 if motion is None else motion.shape[1])
+        turns, shift = Turns.of(motion, readout.times(observed[:, 0], observed[:, 1]))
+        return cls(rotation @ turns.matrix, centre + shift, turns, motion.shape[1])
 
     def partials(self, by_turn: Array, by_centre: Array) -> tuple[Array, list[Array]]:
         """Return the partials by the pose, (n, 2, 6), and a list of those by the motion, if any."""
@@ -206,7 +205,8 @@ class _Exposure:
         if self.turns is not None:
             by_pose, by_motion = self.turns.of_moved_pose(by_pose)
             return by_pose, [by_motion]
-        return by_pose, [np.zeros((len(by_pose), 2, MOTION))] if self.moves else []
+        still = [np.zeros((len(by_pose), 2, self.components))] if self.components else []
+        return by_pose, still
 
 
 def image_through_level(
@@ -230,7 +230,7 @@ def image_through_level(
         pose: stored poses, (n, 12).
         calibration: parameters of the lens, (n, k).
         point: object points, (n, 3), metres.
-        motion: motions of the photos during the readout, (n, 6); none: they stand still.
+        motion: motions of the photos during the readout, (n, 6 d); none: they stand still.
         level: heights w of the surface, metres, (n, 1).
         index: refractive indices beyond the surface, relative to that of the camera, (n, 1).
         observed: measured coordinates, (n, 2).
@@ -298,7 +298,7 @@ def image_through_plane(
         pose: stored poses, (n, 12).
         calibration: parameters of the lens, (n, k).
         point: object points, (n, 3), metres.
-        motion: motions of the photos during the readout, (n, 6); none: they stand still.
+        motion: motions of the photos during the readout, (n, 6 d); none: they stand still.
         stored: frames whose z axes are the normals of the planes, (n, 17).
         origin: O of the frames where it is a point, (n, 3).
         vertical: deflections there, (n, 2).
@@ -389,7 +389,7 @@ def image_through_port(
         pose: stored poses, (n, 12).
         calibration: parameters of the lens, (n, k).
         point: object points, (n, 3), metres.
-        motion: motions of the photos during the readout, (n, 6); none: they stand still.
+        motion: motions of the photos during the readout, (n, 6 d); none: they stand still.
         port: slopes of the normal (x right, y up), distance of the inner face from the projection
             centre and thickness of the glass along the normal, metres, index of the glass, (n, 5).
         index: refractive indices beyond the port, relative to that of the camera, (n, 1).
