@@ -30,7 +30,7 @@ if _TYPE_CHECKING:
     from .collocation.image_corrections import corrected_bundle, image_corrections
     from .collocation.point_corrections import point_corrections
     from .collocation.signal_test import signal_test
-    from .collocation.signal_variables import with_signals
+    from .collocation.signal_variables import with_image_signals, with_signals
     from .crs.reference_system import ReferenceSystem
     from .crs.transformation_chain import SevenParameters
     from .entities import Camera, Parameter, Photo, Point
@@ -253,11 +253,11 @@ __all__ = [
     "register_reader", "register_unknown", "relative_model", "reliability", "results_schema",
     "robust_adjust", "s_transform", "signal_test", "significance", "snoop", "solution_budget",
     "text_report", "to_xarray", "uncertainty_budget", "vectors_in_own_datum", "wgs84_coordinates",
-    "with_signals", "without", "write", "write_colmap", "write_dxf", "write_dynaml",
-    "write_geojson", "write_geopackage", "write_gvx", "write_jag3d", "write_kml", "write_landxml",
-    "write_metashape", "write_opencv", "write_opf", "write_ply", "write_precision_map",
-    "write_project", "write_report", "write_results", "write_sinex", "write_star_net",
-    "zenith_test",
+    "with_image_signals", "with_signals", "without", "write", "write_colmap", "write_dxf",
+    "write_dynaml", "write_geojson", "write_geopackage", "write_gvx", "write_jag3d", "write_kml",
+    "write_landxml", "write_metashape", "write_opencv", "write_opf", "write_ply",
+    "write_precision_map", "write_project", "write_report", "write_results", "write_sinex",
+    "write_star_net", "zenith_test",
 ]
 # fmt: on
 
@@ -272,7 +272,7 @@ _NAMES = {
     "collocation.image_corrections": "corrected_bundle image_corrections",
     "collocation.point_corrections": "point_corrections",
     "collocation.signal_test": "signal_test",
-    "collocation.signal_variables": "with_signals",
+    "collocation.signal_variables": "with_image_signals with_signals",
     "crs.reference_system": "ReferenceSystem",
     "crs.transformation_chain": "SevenParameters",
     "entities": "Camera Parameter Photo Point",

@@ -108,7 +108,7 @@ METHODS: tuple[Row, ...] = (
         partial(run.bundle, terrestrial=True, control="corners"),
         needs="terrestrial",
     ),
-    Row(27, "bundle, collocation", run.filtered_bundle),
+    Row(27, "bundle, collocation", run.bundle_with_signals),
     Row(28, "bundle, additional parameters", partial(run.bundle, lens="ebner")),
     Row(29, "self-calibration", partial(run.bundle, lens="brown", priors=True)),
     Row(30, "28 and 29 together", partial(run.bundle, lens="both", priors=True)),

@@ -10,8 +10,9 @@ from typing import Literal
 import numpy as np
 
 from factorgraph_adj.adjustment import adjust
-from factorgraph_adj.collocation.image_corrections import corrected_bundle
+from factorgraph_adj.collocation.image_corrections import image_corrections
 from factorgraph_adj.collocation.point_corrections import point_corrections
+from factorgraph_adj.collocation.signal_variables import with_image_signals
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.models.deformation import DISPLACEMENTS
 from factorgraph_adj.models.lens import BrownLens, NoDistortion
@@ -44,8 +45,6 @@ from .methods_1980_block import SIGMA_TILT, MethodBlock
 
 ROUNDS = 5
 """Rounds of plan and height: practice had three to five."""
-BUNDLES = 5
-"""Largest number of bundles with filtered residuals."""
 DEFORMED = tuple(n for n in DISPLACEMENTS[3:] if n not in ("stretch_z", "shear_xz", "shear_yz"))
 """Additional parameters of models: the 8 + 3 of Ebner."""
 SIGMA_DEFORMATION = 0.010
@@ -382,17 +381,21 @@ def bundle(
     return outcome(adjust(network), block)
 
 
-def filtered_bundle(block: MethodBlock) -> Outcome:
-    """27: bundles with the signal of the residuals before them, filtered as a grid of the camera.
+def bundle_with_signals(block: MethodBlock) -> Outcome:
+    """27: a second bundle with the full covariance of images that residuals of the first have.
 
-    Rampal's second bundle has the full covariance of image coordinates from the residuals of the
-    first. Here their signal is filtered by its covariance function, and taken out; bundles follow
-    each other until the residuals have no signal, at most `BUNDLES` times.
+    The covariance function of the residuals of all photos in the axes of the camera is estimated
+    after the first bundle; the signal of the images is then unknown in the second one, by weighted
+    amplitudes of its modes, which stand for the full covariance.
     """
-    found = corrected_bundle(adjust(block.network), rounds=BUNDLES)
-    if not found.rounds[0].cameras:
-        raise InputError("; ".join(found.rounds[0].remarks))
-    return outcome(found.solution, block)
+    network, first = block.network, image_corrections(adjust(block.network))
+    if not first.cameras:
+        raise InputError("; ".join(first.remarks))
+    for name, found in first.cameras.items():
+        (function, _) = found.collocation.functions
+        assert function is not None
+        network = with_image_signals(network, covariance=function, cameras=[name])
+    return outcome(adjust(network), block)
 
 
 def bundle_network(

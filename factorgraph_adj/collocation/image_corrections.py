@@ -32,6 +32,7 @@ from .collocation import Collocation, collocate
 from .covariance_estimation import CovarianceEstimate, estimate_covariance
 from .covariance_function import CovarianceFunction
 from .signal_test import SignalTest, signal_test
+from .signal_variables import empty_grid
 
 CELLS, NODES = 14, 21
 """Numbers of cells, and of nodes of the grid, along the longer side of the image."""
@@ -133,7 +134,7 @@ def image_corrections(
         corners = camera.corners() or (xy[on].min(axis=0), xy[on].max(axis=0))
         lens = camera.lens if isinstance(camera.lens, GridLens) else None
         if lens is None or not lens.x:
-            lens = _empty_grid(GridLens(camera.lens) if lens is None else lens, corners, nodes)
+            lens = empty_grid(GridLens(camera.lens) if lens is None else lens, corners, nodes)
         try:
             found[name] = _of_camera(
                 name, lens, xy[on], residuals[on], corners, covariance, cells, alpha
@@ -153,16 +154,6 @@ def _image_residuals(solution: Solution) -> tuple[Index, Array, Array]:
         np.concatenate([empty, *(b.observed for b in blocks)]),
         np.concatenate([empty, *(v[b.rows].reshape(-1, 2) for b in blocks)]),
     )
-
-
-def _empty_grid(lens: GridLens, corners: tuple[Array, Array], nodes: int) -> GridLens:
-    """Return a grid of zeros over the image."""
-    low, high = corners
-    size = high - low
-    counts = np.maximum(np.ceil(size / size.max() * (nodes - 1)).astype(int) + 1, 2)
-    x, y = (np.linspace(low[i], high[i], counts[i]) for i in range(2))
-    zero = ((0.0,) * counts[0],) * counts[1]
-    return replace(lens, x=tuple(x.tolist()), y=tuple(y.tolist()), dx=zero, dy=zero)
 
 
 def _of_camera(

@@ -5,8 +5,14 @@
 dx and dy are given at the nodes of a grid of image coordinates as they are measured, x right and y
 up, and bilinear between them; outside of the grid those of its nearest edge count. As the table is
 a function of measured coordinates alone, partials are those of the lens behind it, whose
-parameters can be free or held. Calibration laboratories state such grids, and collocation of the
-residuals of a block makes them, see `factorgraph_adj.collocation.image_corrections`.
+parameters can be free or held. With modes φ_i at the nodes, the signal of the images is unknown,
+
+    (dx, dy)(x, y) + Σ_i (sx_i, sy_i) φ_i(x, y),
+
+and its amplitudes sx_i, sy_i are further parameters: those of a random field, with a common
+standard deviation, see `factorgraph_adj.collocation.signal_variables`. Calibration laboratories
+state grids without modes, and collocation of the residuals of a block makes them, see
+`factorgraph_adj.collocation.image_corrections`.
 """
 
 from __future__ import annotations
@@ -42,6 +48,8 @@ class GridLens(Lens):
     """Corrections of x, image units: a row for each node of y, from below."""
     dy: tuple[tuple[float, ...], ...] = ()
     """Corrections of y, image units, y up: likewise."""
+    modes: tuple[tuple[float, ...], ...] = ()
+    """Modes φ of the signal at the nodes: of each the rows from below, one after the other."""
 
     def __post_init__(self) -> None:
         """Check sizes and values."""
@@ -62,25 +70,40 @@ class GridLens(Lens):
                 problems.append(Problem(what))
             elif not all(np.isfinite(row).all() for row in rows):
                 problems.append(Problem(f"{name} must be finite"))
+        if any(len(m) != size[0] * size[1] or not np.isfinite(m).all() for m in self.modes):
+            problems.append(Problem(f"a mode must have {size[0]} × {size[1]} finite values"))
         if problems:
             raise InputError(problems)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the calibration parameters: those of the lens behind the grid."""
-        return self.base.names
+        """Names of the calibration parameters: those of the lens behind the grid, amplitudes."""
+        numbers = range(1, len(self.modes) + 1)
+        return (*self.base.names, *(f"s{a}{i}" for a in "xy" for i in numbers))
+
+    @property
+    def in_ideal_coordinates(self) -> Lens:
+        """The grid before its lens with residuals in ideal coordinates."""
+        return replace(self, base=self.base.in_ideal_coordinates)
 
     def partials(
         self, tx: Array, ty: Array, x: Array, y: Array, k: Array, *, jacobians: bool = True
     ) -> LensPartials:
         """Return v and its partials, see `Lens.partials`."""
         dx, dy = self.corrections(x, y)
-        return self.base.partials(tx, ty, x + dx, y + dy, k, jacobians=jacobians)
-
-    @property
-    def in_ideal_coordinates(self) -> GridLens:
-        """The grid before the lens with residuals in ideal coordinates."""
-        return replace(self, base=self.base.in_ideal_coordinates)
+        if not self.modes:
+            return self.base.partials(tx, ty, x + dx, y + dy, k, jacobians=jacobians)
+        first, m = len(self.base.names), len(self.modes)
+        phi = self._between(self._modes, x, y)
+        dx = dx + np.einsum("mn,nm->n", phi, np.broadcast_to(k[:, first : first + m], (len(x), m)))
+        own = np.broadcast_to(k[:, first + m : first + 2 * m], (len(x), m))
+        dy = dy + np.einsum("mn,nm->n", phi, own)
+        found = self.base.partials(tx, ty, x + dx, y + dy, k[:, :first], jacobians=jacobians)
+        if not jacobians:
+            return found
+        # v depends on x − x0 and y − y0: its partials by x and y are those by x0 and y0, negative.
+        by_sx, by_sy = ([(-px * f, -py * f) for f in phi] for px, py in found.by_k[1:3])
+        return found._replace(by_k=(*found.by_k, *by_sx, *by_sy))
 
     def towards_ideal(self, x: Array, y: Array, k: Array) -> Pair:
         """Return differences of measured coordinates turned back, see `Lens.towards_ideal`."""
@@ -90,14 +113,16 @@ class GridLens(Lens):
         """Return dx and dy at measured coordinates, (n,) each."""
         if not self.x:
             return np.zeros_like(x), np.zeros_like(y)
+        dx, dy = self._between(self._tables, x, y)
+        return dx, dy
+
+    def _between(self, tables: Array, x: Array, y: Array) -> Array:
+        """Return tables (m, nodes of y, nodes of x) at measured coordinates, bilinear, (m, n)."""
         i, s = _cell(self._nodes[0], x)
         j, t = _cell(self._nodes[1], y)
-        out = []
-        for table in self._tables:
-            below = (1.0 - s) * table[j, i] + s * table[j, i + 1]
-            above = (1.0 - s) * table[j + 1, i] + s * table[j + 1, i + 1]
-            out.append((1.0 - t) * below + t * above)
-        return out[0], out[1]
+        below = (1.0 - s) * tables[:, j, i] + s * tables[:, j, i + 1]
+        above = (1.0 - s) * tables[:, j + 1, i] + s * tables[:, j + 1, i + 1]
+        return np.asarray((1.0 - t) * below + t * above)
 
     def plus(self, dx: Array, dy: Array) -> GridLens:
         """Return the grid with further corrections at its nodes, (nodes of y, nodes of x) each."""
@@ -110,8 +135,12 @@ class GridLens(Lens):
         return np.array(self.x), np.array(self.y)
 
     @cached_property
-    def _tables(self) -> tuple[Array, Array]:
-        return np.array(self.dx), np.array(self.dy)
+    def _tables(self) -> Array:
+        return np.array([self.dx, self.dy])
+
+    @cached_property
+    def _modes(self) -> Array:
+        return np.array(self.modes).reshape(len(self.modes), len(self.y), len(self.x))
 
 
 def _cell(nodes: Array, at: Array) -> tuple[Index, Array]:
