@@ -78,7 +78,7 @@ def drawn(kind: str, rng: np.random.Generator) -> o.Observation:
         del have[str(rng.choice(["point", "photo"]))]
     free = iter(rng.permutation(["1", "B, 2", "#C", '"D" ü', " E ", "7.50"]).tolist())
     names = ("station", "target", "station2", "target2", "point", "photo", "photo2")
-    names += ("before", "after")
+    names += ("before", "after", "moved", "sensor")
     out = {n: next(free) for n in names if n in have}
     out |= {"point": out.get("point")} if either else {}
     needed = (*KINDS[kind].texts, *KINDS[kind].frames, *({"mark"} & {*have}))

@@ -175,7 +175,7 @@ def any_observation(draw):
     if either:
         names -= {draw(st.sampled_from(["point", "photo"]))}
     points = ("station", "target", "station2", "target2", "point", "photo", "photo2")
-    points += ("before", "after")
+    points += ("before", "after", "moved", "sensor")
     have = [n for n in points if n in names]
     chosen = draw(st.lists(NAME, min_size=len(have), max_size=len(have), unique=True))
     arguments = dict(zip(have, chosen, strict=True))

@@ -98,6 +98,9 @@ ORBIT = Stated(
 )
 """Arc of an orbit about a small body that turns: m, m/s, m³/s², rad/s."""
 
+TRACK = Stated("point_motion", "track", (7.0, -4.0, 3.0, 0.4, 0.3, -0.2), (0.1,) * 3 + (0.1,) * 3)
+"""Motion of a moving point, m/s and m/s²."""
+
 EXAMPLES: dict[str, Example] = {
     "photo_on_arc": Example(
         lambda: [
@@ -136,6 +139,19 @@ EXAMPLES: dict[str, Example] = {
             o.PhotoTurn("f", "f", "g", (0.0, 0.0, 0.0), covariance=COVARIANCE, interval=2.5),
             o.PhotoTurn("f", "g", "f", (0.1, 0.0, 0.2), sigma=(1.0, 2.0, 3.0), interval=1.5),
         ]
+    ),
+    "moved_point": Example(
+        lambda: [
+            o.MovedPoint("i", "j", covariance=COVARIANCE, motion="track", time=1.7, gravity=9.81),
+            o.MovedPoint("i", "k", sigma=(1.0, 2.0, 3.0), motion="track", time=-2.3),
+        ],
+        (TRACK,),
+    ),
+    "radar_range": Example(
+        lambda: [o.RadarRange("i", "k", 1.0, sigma=0.1, motion="track", time=-1.2)]
+    ),
+    "radar_squint": Example(
+        lambda: [o.RadarSquint("i", "l", 0.0, sigma=0.01, motion="track", time=0.7)]
     ),
     "body_vector": Example(
         lambda: [

@@ -31,6 +31,7 @@ from tests.networks.bent_strips import bent_strips
 from tests.networks.deformed_models import deformed_block
 from tests.networks.instruments import room_of
 from tests.networks.microscope import microscope
+from tests.networks.moving_targets import missile, radar
 from tests.networks.odometry import odometry
 from tests.networks.random_more import MARKS
 from tests.networks.rigs import rig
@@ -545,6 +546,8 @@ NETWORKS: dict[str, Callable[[], fga.Network]] = {
     "fiducial_mark": scans,
     **dict.fromkeys(("photo_shift", "photo_turn"), moving_photos),
     "correlated": correlated_directions,
+    "moved_point": missile,
+    **dict.fromkeys(("radar_range", "radar_squint"), radar),
     "image, parallel projection": microscope,
     "image, rational polynomials": lambda: satellites(free=BIAS, placed=True)[0],
     "image, correlated": correlated_image_points,
