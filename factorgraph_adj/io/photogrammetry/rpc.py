@@ -22,7 +22,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from ...errors import InputError
+from ...errors import InputError, taking
 from ...frames import GeocentricFrame
 from ...models.rpc_lens import BIAS, COEFFICIENTS, NORMALISATION, POLYNOMIALS, RpcLens
 from ...network.network import Network
@@ -82,6 +82,7 @@ def read_rpc(
     return network
 
 
+@taking(Network)
 def add_rpc_image(
     network: Network,
     path: str | Path,
