@@ -38,7 +38,7 @@ class Flight:
     gauge: bool = False
     """Whether shore points are observed to be at the water's edge."""
     bottom_control: int = 0
-    """Number of points on the bottom with a known height."""
+    """Number of points, the deepest, with a known height."""
     frame: Frame | None = None
     """Frame, flat if none; the lake is at height 0 of its origin."""
     exposures: int = 4
@@ -79,7 +79,7 @@ def lake(flight: Flight = Flight()) -> fga.Network:
     network.set_refractive_index("water", INDEX, **flight.index)
     network.set_level("lake", 0.0, **flight.level)
     for i in range(flight.bottom_control):
-        name = under[(i * 7) % len(under)]
+        name = sorted(under, key=lambda n: network.points[n].coordinates[2])[i]
         z = network.points[name].coordinates[2]
         network.add(o.ControlPoint(name, (z,), axes="z", sigma=(0.005,)))
     if flight.gauge:
@@ -115,6 +115,8 @@ def as_in_air(network: fga.Network) -> fga.Network:
     """Return a network whose image points under water are taken as seen in air."""
     out = network.copy()
     out.observations = {}
+    media = ("port", "refractive_index")
+    out.parameters = {k: v for k, v in network.parameters.items() if k not in media}
     for ident, x in network.observations.items():
         if isinstance(x, o.ImageThroughLevel | o.ImageThroughPort):
             (u, v), sigma = x.value, x.sigma
