@@ -18,8 +18,9 @@ from factorgraph_adj import Network
 from factorgraph_adj import observations as o
 from factorgraph_adj.entities import JointImagePoints
 from factorgraph_adj.models.film_lens import TRANSFORMATIONS, FilmLens
+from factorgraph_adj.models.positions import heights
 from factorgraph_adj.models.shapes import SHAPES
-from factorgraph_adj.rotation import exp_rotation
+from factorgraph_adj.rotation import exp_rotation, log_rotation
 from factorgraph_adj.types import Array
 from factorgraph_adj.units import ARCSEC
 from tests.networks.on_shapes import ANGLE, FOCAL, ON, RADIUS, RING, places
@@ -296,13 +297,27 @@ def _edges(m: More) -> None:
 
 
 def _media(m: More) -> None:
-    """See some points through a port, and points of a tank through its plane wall."""
+    """See points through a port, and half-way a level surface and a pane across the sights."""
     n, photos = m.network, list(m.network.photos)
     n.set_refractive_index("water", 1.34, sigma=None if m.rng.random() < 0.3 else 1e-3)
     n.set_port("port", distance=0.05, thickness=0.01, sigma={"distance": 1 * MM, "slope_x": 1e-3})
+    placed = np.mean([f.position for f in n.photos.values() if f.position is not None], axis=0)
+    away = placed - m.middle
+    half = m.middle + 0.5 * away
+    n.set_level("surface", float(heights(n.frame, half[None])[0][0]), fixed=True)
+    axis = away / np.linalg.norm(away)
+    across = np.linalg.svd(axis[None])[2][1:]
+    turn = np.stack([across[0], np.cross(axis, across[0]), axis], axis=1)
+    values = dict(zip(("rx", "ry", "rz"), log_rotation(turn[None])[0].tolist(), strict=True))
+    n.add_frame("pane", free=(), values=values, origin=half.tolist())
     for p in m.points(3):
         for f in photos:
-            n.add(o.ImageThroughPort(f, p, (0.0, 0.0), sigma=0.004, port="port", medium="water"))
+            seen = {"sigma": 0.004, "medium": "water"}
+            n.add(
+                o.ImageThroughPort(f, p, (0.0, 0.0), port="port", **seen),
+                o.ImageThroughLevel(f, p, (0.0, 0.0), level="surface", **seen),
+                o.ImageThroughPlane(f, p, (0.0, 0.0), plane="pane", **seen),
+            )
 
 
 def _own_datum(m: More) -> None:
@@ -362,7 +377,7 @@ OF_PHOTOS: tuple[Callable[[More], None], ...] = (
     _joint_images,
 )
 """Those that need photos."""
-ON_SITE: tuple[Callable[[More], None], ...] = (_flight, _offsets, _alignment, _edges)
+ON_SITE: tuple[Callable[[More], None], ...] = (_flight, _offsets, _alignment, _edges, _media)
 """Those with constant places, or that say little of photos that nothing else holds: they are in
 networks with a given datum."""
 OTHER_SHARES: dict[Callable[[More], None], float] = {_shapes: 0.15}

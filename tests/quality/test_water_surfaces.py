@@ -191,7 +191,9 @@ def test_a_port_is_calibrated_from_targets_under_water() -> None:
     air.cameras["diver"] = replace(camera, fixed=free, values=values)
     pinhole = fga.adjust(air)
     assert pinhole.vtpv > 1.3 * solution.vtpv
-    assert pinhole.unknown("calibration", "diver").values[0] == pytest.approx(1.34 * 2800.0, rel=0.02)
+    assert pinhole.unknown("calibration", "diver").values[0] == pytest.approx(
+        1.34 * 2800.0, rel=0.02
+    )
 
 
 def test_targets_before_and_after_the_water_came_are_one_network() -> None:
