@@ -95,7 +95,7 @@ def refracted_rays(p: Array, normal: Array, layers: Array, indices: Array) -> Re
     require((layers.min(axis=1) >= 0.0) & (indices.min(axis=1) > 0.0), INDEX)
     require(layers[:, 0] > 0.0, ON_SURFACE)
     straight = h[:, -1] < 0.0
-    h[straight, -1] = 0.0
+    h[straight] = 1.0  # any layers: the ray does not pass them
     mu = np.concatenate([np.ones_like(along[:, None]), 1.0 / indices], axis=1)
     kappa = _solved(h, mu, rho)
     squared = rho * kappa**2
