@@ -217,7 +217,7 @@ def tank_equations(lens: str) -> tuple[Equations, Array]:
     along[3:] = np.minimum(along[3:], camera.longest)
     by_kind = {
         "point": (0.02,),
-        "pose": (1e-3,) * 3 + (0.05,) * 3,
+        "pose": (3e-4,) * 3 + (0.015,) * 3,
         "frame": (1e-3,) * 3 + (0.01,) * 3 + (1e-3,),
         "vertical": (1e-3,),
         "calibration": tuple(along),
