@@ -13,9 +13,9 @@ of line scanners and panoramic cameras, have terms of higher powers of t too:
 
     p = Exp(w)ᵀ q,    q = Rᵀ (X − X₀(t)).
 
-The time is that of the measured row, so that the weights stay those of measured coordinates, as in
-lens models from measured to ideal coordinates. With g = ∂v/∂p and g' = Exp(w) g the partials by
-pose and point are those of a ray q with g'; those by v_j are tʲ times those by X₀, and
+The time is that of the measured row, and weights stay those of measured coordinates (B = I). With
+g = ∂v/∂p and g' = Exp(w) g the partials by pose and point are those of a ray q with g'; those by
+v_j are tʲ times those by X₀, and
 
     ∂v/∂ω_j = tʲ J_r(w)ᵀ (g × p).
 
