@@ -237,6 +237,7 @@ class CorrectedBundle:
     """All bundles, the given one first."""
 
 
+@taking(Solution)
 def corrected_bundle(
     solution: Solution,
     *,
