@@ -21,7 +21,7 @@ from typing import TypeAlias
 import numpy as np
 
 from ..adjustment import adjust
-from ..errors import InputError, refuse_other_types
+from ..errors import InputError, refuse_other_types, taking
 from ..models.grid_lens import GridLens
 from ..network.network import Network
 from ..result_display import Shown
