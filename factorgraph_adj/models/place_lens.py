@@ -79,7 +79,8 @@ class ParallelLens(PlaceLens, BrownLens):
     def places(self, xy: Array, calibration: Array) -> Array:
         """Return the places with p_z = 0, see `PlaceLens.places`."""
         still = np.zeros(len(xy))
-        v, _, _ = self.residual(still, still, xy, calibration, jacobians=False)
+        ideal = self.in_ideal_coordinates
+        v, _, _ = ideal.residual(still, still, xy, calibration, jacobians=False)
         t = -v / calibration[:, :1]
         return np.stack([t[:, 0], -t[:, 1], still], axis=1)
 

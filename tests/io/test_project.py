@@ -20,7 +20,13 @@ from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.io import numbers
 from factorgraph_adj.io.adjustment_options import AdjustOptions
 from factorgraph_adj.io.numbers import Units
-from factorgraph_adj.io.observation_fields import ImageAxes, RecordContext, vector_fields
+from factorgraph_adj.io.observation_fields import (
+    ImageAxes,
+    RecordContext,
+    name_fields,
+    text_fields,
+    vector_fields,
+)
 from factorgraph_adj.io.observation_records import observation_from_record, observation_record
 from factorgraph_adj.io.project import load_project, read_project
 from factorgraph_adj.io.project_writer import exact_angles, write_project
@@ -254,6 +260,7 @@ def test_a_record_survives_json_as_numbers(found):
         "angle",
         "about",
         *(n for k in KINDS.values() for n in (*k.frames, *k.texts, *k.named)),
+        *(n for k in KINDS for n in (*name_fields(k), *text_fields(k))),
     }
     as_numbers = {k: v if k in texts or not v else float(v) for k, v in fields_of.items()}
     line = json.loads(json.dumps(as_numbers))

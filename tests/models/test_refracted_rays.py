@@ -26,6 +26,7 @@ from tests.networks.every_kind import (
     add_frames,
     add_media,
     flight_equations,
+    share_of_radius,
 )
 from tests.support.differences import assert_partials_are_right
 
@@ -213,7 +214,7 @@ def tank_equations(lens: str) -> tuple[Equations, Array]:
         .evaluate(network.frame, equations.unknowns.start())
         .jacobians[1]
     ).max(axis=(0, 1))
-    along = 0.005 / np.where(by_lens > 0, by_lens, 1.0)
+    along = share_of_radius(camera.lens) / np.where(by_lens > 0, by_lens, 1.0)
     along[3:] = np.minimum(along[3:], camera.longest)
     by_kind = {
         "point": (0.02,),

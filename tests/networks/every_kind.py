@@ -907,11 +907,11 @@ def image_equations(lens_name: str, view: View) -> tuple[Equations, Array]:
         at = (0.0, 0.0, 0.0)
         network.add(o.FrameCoordinate("body", None, at, photo="f", covariance=COVARIANCE, **more))
     equations = compile_network(network)
-    steps = _image_steps(equations, camera, view, _share(camera.lens))
+    steps = _image_steps(equations, camera, view, share_of_radius(camera.lens))
     return equations, _steps(equations, steps)
 
 
-def _share(used: lens.Lens) -> float:
+def share_of_radius(used: lens.Lens) -> float:
     """Return by which share of the image radius steps along a lens's parameters move its points.
 
     Measured coordinates follow from corrections by an inverse, with strong curvature.
@@ -928,7 +928,7 @@ def moving_image_equations(
     give_motion(network, towards, powers)
     equations = compile_network(network)
     camera = LENSES_USED[lens_name]
-    steps = _image_steps(equations, camera, view, _share(camera.lens))
+    steps = _image_steps(equations, camera, view, share_of_radius(camera.lens))
     pose = np.array(steps["pose"])
     # At the edges of the image the motion moves the pose by half the readout time as much.
     steps["photo_motion"] = _motion_steps(np.roll(pose, 3), powers)
