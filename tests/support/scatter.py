@@ -255,7 +255,8 @@ def diving_camera() -> fga.Network:
     """A camera with a flat port of unknown place under water, calibrated in air."""
     network = photos()()
     network.cameras["D3"] = replace(network.cameras["D3"], fixed=(True,) * 10)
-    free, sigma = ("slope_x", "slope_y", "distance"), {"thickness": 0.1 * MM}
+    # Without its weight a few networks of a hundred would take the window to the projection centre.
+    free, sigma = ("slope_x", "slope_y", "distance"), {"thickness": 0.1 * MM, "distance": 0.02}
     network.set_port("dome", distance=0.12, thickness=0.02, free=free, sigma=sigma)
     network.set_refractive_index("sea", 1.34, sigma=1e-3)
     network.refract_images(medium="sea", port="dome")
