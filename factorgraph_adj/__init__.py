@@ -209,7 +209,10 @@ if _TYPE_CHECKING:
     )
     from .solve.solution import Solution
     from .stochastic_model import StandardDeviation
+    from .triangulation.film_coordinates import film_coordinates
+    from .triangulation.image_refinement import refine_images
     from .triangulation.independent_models import as_models, relative_model
+    from .triangulation.plan_units import radial_units
     from .units import GON
     from .validate.findings import Finding
     from .validate.preliminary_checks import preliminary
@@ -240,22 +243,22 @@ __all__ = [
     "corrected_bundle", "covariance_array", "determined_part", "direction_test",
     "distance_meter_test", "distance_precision", "dlt", "empirical_covariance", "error_ellipse",
     "error_ellipsoid", "estimate_covariance", "estimate_precision", "estimate_variance_components",
-    "exclude_insignificant", "fetch_example", "find_sparable", "fit_variogram", "from_grid",
-    "grid_coordinates", "grid_photos", "image_corrections", "join", "level_test", "load_solution",
-    "measure", "memory_needed", "orient", "plan", "plot_network", "point_corrections",
-    "positional_accuracy", "precision_map", "predict", "preliminary", "propose", "read",
-    "read_aicon", "read_bal", "read_bundler", "read_colmap", "read_columns", "read_comp3d",
-    "read_dbat", "read_dynadjust", "read_dynaml", "read_gama", "read_gama_g3", "read_gsi",
-    "read_gvx", "read_jag3d", "read_jobxml", "read_landxml", "read_lgc2", "read_metashape",
-    "read_micmac", "read_mmvii", "read_opencv", "read_openmvg", "read_opensfm", "read_opf",
-    "read_project", "read_rpc", "read_sdr33", "read_sinex", "read_star_net",
-    "read_star_net_project", "reduce_faces", "register_lens", "register_observation",
-    "register_reader", "register_unknown", "relative_model", "reliability", "results_schema",
-    "robust_adjust", "s_transform", "signal_test", "significance", "snoop", "solution_budget",
-    "text_report", "to_xarray", "uncertainty_budget", "vectors_in_own_datum", "wgs84_coordinates",
-    "with_image_signals", "with_signals", "without", "write", "write_colmap", "write_dxf",
-    "write_dynaml", "write_geojson", "write_geopackage", "write_gvx", "write_jag3d", "write_kml",
-    "write_landxml", "write_metashape", "write_opencv", "write_opf", "write_ply",
+    "exclude_insignificant", "fetch_example", "film_coordinates", "find_sparable", "fit_variogram",
+    "from_grid", "grid_coordinates", "grid_photos", "image_corrections", "join", "level_test",
+    "load_solution", "measure", "memory_needed", "orient", "plan", "plot_network",
+    "point_corrections", "positional_accuracy", "precision_map", "predict", "preliminary",
+    "propose", "radial_units", "read", "read_aicon", "read_bal", "read_bundler", "read_colmap",
+    "read_columns", "read_comp3d", "read_dbat", "read_dynadjust", "read_dynaml", "read_gama",
+    "read_gama_g3", "read_gsi", "read_gvx", "read_jag3d", "read_jobxml", "read_landxml",
+    "read_lgc2", "read_metashape", "read_micmac", "read_mmvii", "read_opencv", "read_openmvg",
+    "read_opensfm", "read_opf", "read_project", "read_rpc", "read_sdr33", "read_sinex",
+    "read_star_net", "read_star_net_project", "reduce_faces", "refine_images", "register_lens",
+    "register_observation", "register_reader", "register_unknown", "relative_model", "reliability",
+    "results_schema", "robust_adjust", "s_transform", "signal_test", "significance", "snoop",
+    "solution_budget", "text_report", "to_xarray", "uncertainty_budget", "vectors_in_own_datum",
+    "wgs84_coordinates", "with_image_signals", "with_signals", "without", "write", "write_colmap",
+    "write_dxf", "write_dynaml", "write_geojson", "write_geopackage", "write_gvx", "write_jag3d",
+    "write_kml", "write_landxml", "write_metashape", "write_opencv", "write_opf", "write_ply",
     "write_precision_map", "write_project", "write_report", "write_results", "write_sinex",
     "write_star_net", "zenith_test",
 ]
@@ -404,7 +407,10 @@ _NAMES = {
     ),
     "solve.solution": "Solution",
     "stochastic_model": "StandardDeviation",
+    "triangulation.film_coordinates": "film_coordinates",
+    "triangulation.image_refinement": "refine_images",
     "triangulation.independent_models": "as_models relative_model",
+    "triangulation.plan_units": "radial_units",
     "units": "GON",
     "validate.findings": "Finding",
     "validate.preliminary_checks": "preliminary",

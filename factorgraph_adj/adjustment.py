@@ -48,7 +48,7 @@ _Named = tuple[str, str]
 
 
 AdjustedResult = TypeVar("AdjustedResult")
-SolverName: TypeAlias = Literal["direct", "conjugate_gradients"]
+SolverName: TypeAlias = Literal["direct", "conjugate-gradients"]
 """How normal equations are solved."""
 VARIANCE_SCALES = ("a-priori", "a-posteriori")
 """Valid scales of covariances: 1, or σ̂0²."""
@@ -208,7 +208,7 @@ def adjust(
         progress: called after each iteration; an exception in it ends the adjustment.
         leave_out_undetermined: whether `determined_part` is adjusted, without what the observations
             do not determine; ``solution.network.unknowns_left_out`` names it. Not with ``weights``.
-        solver: ``direct``, elimination in fronts; or ``conjugate_gradients`` for blocks of photos
+        solver: ``direct``, elimination in fronts; or ``conjugate-gradients`` for blocks of photos
             whose fronts do not fit in memory. The minimum is the same within ``tolerance``, without
             the covariances of all unknowns: see `estimate_precision`. It needs a given datum.
 
@@ -250,7 +250,7 @@ def adjust(
         )
     if solver not in (valid := get_args(SolverName)):
         raise InputError(f"unknown solver {solver!r}; valid: {known(valid, meant=solver)}")
-    if solver == "conjugate_gradients" and choice == "free":
+    if solver == "conjugate-gradients" and choice == "free":
         raise InputError(
             "conjugate gradients need a given datum, and a free network has none; valid: "
             "solver='direct', or datum='given' with control"
@@ -288,7 +288,7 @@ def adjust(
         raise with_leave_out_hint(error) from None
     extra.refuse_wrong_partials(equations, begin.state)
     chosen: Solver | None = None
-    if solver == "conjugate_gradients":
+    if solver == "conjugate-gradients":
         rows = extra.at(equations, begin.state).rows
         chosen = Solver.by_gradients(equations.weighted_at(begin.state), rows)
     else:

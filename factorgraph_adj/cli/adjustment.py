@@ -307,7 +307,7 @@ def _fitted(
             network,
             variance=variance,
             max_iterations=most,
-            solver="direct" if options.solver == "direct" else "conjugate_gradients",
+            solver=options.solver,
             progress=show and (lambda *figures: show(iteration_line(*figures))),
         )
         return solution, None

@@ -56,7 +56,7 @@ def add_refine(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out",
         metavar="DIR",
-        help="write the project with refined images, and image_corrections.csv",
+        help="write the project with refined images, and refinement.csv",
     )
     add_leave_out(parser)
     parser.set_defaults(run=_refine)
@@ -85,7 +85,7 @@ def _refine(options: argparse.Namespace) -> int:
         out = Path(options.out)
         with one_transaction():
             write_project(found.network, out / "project.toml", units=project.units)
-            write_files(out, {"image_corrections.csv": _table(found)})
+            write_files(out, {"refinement.csv": _table(found)})
     print(text, end="", flush=True)
     return EXIT_FINE
 

@@ -82,8 +82,8 @@ class CovarianceEstimate(Shown):
 
     function: CovarianceFunction
     """Covariance function of the signal."""
-    noise: float
-    """σ of the noise where it was estimated, otherwise 1: factor of the stated noise."""
+    noise: float | Array
+    """σ of the noise: as it was stated, or estimated."""
     log_sigmas: Array
     """Standard deviations of ln σ, ln L and, where it was estimated, ln σ_n; NaN where the
     likelihood has no maximum within the bounds."""
@@ -99,7 +99,8 @@ class CovarianceEstimate(Shown):
     def headline(self) -> str:
         """Return the function, the noise and remarks."""
         said = "".join(f"; {remark}" for remark in self.remarks)
-        return f"CovarianceEstimate: {self.function}, noise {self.noise:.4g}{said}"
+        noise = f"{self.noise:.4g}" if np.ndim(self.noise) == 0 else "as stated"
+        return f"CovarianceEstimate: {self.function}, noise {noise}{said}"
 
 
 def empirical_covariance(
@@ -244,8 +245,9 @@ def estimate_covariance(
     without = search.without_signal()
     log_sigmas = search.log_sigmas(sigma, length, scale)
     function = CovarianceFunction(kind, sigma, length)
+    found = scale if noise is None else noise
     return CovarianceEstimate(
-        function, scale, log_sigmas, likelihood, without, test, tuple(remarks)
+        function, found, log_sigmas, likelihood, without, test, tuple(remarks)
     )
 
 

@@ -83,7 +83,12 @@ class CovarianceFunction(metaclass=ChecksArguments):
 
     def __str__(self) -> str:
         """Return kind, σ and L."""
-        return f"{self.kind}, σ {self.sigma:.4g}, L {self.length:.4g}"
+        return self.text()
+
+    def text(self, unit: str = "") -> str:
+        """Return kind, σ and L, both in a unit."""
+        after = f" {unit}" if unit else ""
+        return f"{self.kind}, σ {self.sigma:.4g}{after}, L {self.length:.4g}{after}"
 
 
 def check_kind(kind: str) -> None:

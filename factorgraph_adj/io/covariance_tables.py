@@ -22,7 +22,7 @@ from .unknowns_tables import check_columns
 COVARIANCE_COLUMNS = (
     *("cluster", "id", "component", "id2", "component2", "covariance_si"),
     *(f"covariance_{u}2" for u in LENGTH),
-    "covariance_image",
+    "covariance_image2",
 )
 
 
@@ -49,7 +49,7 @@ class CovarianceTable:
                 row.text(c, required=not c.startswith("component")) or "" for c in columns
             )
             row.of = f"cluster {cluster!r}"
-            value = row.number("covariance_image")
+            value = row.number("covariance_image2")
             if value is not None:
                 self.of_images.add(cluster)
             else:
@@ -59,7 +59,7 @@ class CovarianceTable:
             if value is None and not row.failed:
                 row.wrong(
                     "covariance_m2 (or another unit, or covariance_si) is missing; of image points "
-                    "covariance_image"
+                    "covariance_image2"
                 )
             if value is None or row.failed:
                 continue
@@ -115,7 +115,7 @@ class CovarianceTable:
             ids = self.members[cluster]
             if cluster not in self.of_images:
                 if set(ids) & images.keys():
-                    what = "covariances of image points are stated as covariance_image"
+                    what = "covariances of image points are stated as covariance_image2"
                     self.problems.append(Problem(what, self._where(cluster)))
                     self.of_images.add(cluster)
                 continue
@@ -212,7 +212,7 @@ def covariance_records(network: Network) -> Iterator[dict[str, str]]:
         cameras = [network.cameras[network.photos[o.photo].camera] for o in images]
         sign = signs_in_files(ImageAxes(c.unit, c.y_down_in_files) for c in cameras)
         named = [(o.id or f"{o.photo}/{o.point}", c) for o in images for c in "xy"]
-        clusters.append((named, joint.covariance * sign[:, None] * sign, "covariance_image"))
+        clusters.append((named, joint.covariance * sign[:, None] * sign, "covariance_image2"))
     for number, (members, covariance, column) in enumerate(clusters, start=1):
         for i, (id1, c1) in enumerate(members):
             for j, (id2, c2) in enumerate(members):

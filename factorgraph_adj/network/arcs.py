@@ -46,7 +46,7 @@ class Arcs:
         spin: float = 0.0,
         power: int = 1,
         values: Mapping[str, float] | None = None,
-        weights: Mapping[str, float] | None = None,
+        sigma_components: Mapping[str, float] | None = None,
         fixed: Sequence[str] = ("gm", "spin"),
     ) -> list[str]:
         """Tie the photos of an orbit or a strip to a curve of time; return the ids of the ties.
@@ -67,8 +67,9 @@ class Arcs:
             power: highest power of t, 1 to 5.
             values: start or given values by component, SI; those that are not given follow from
                 the positions of the photos.
-            weights: standard deviations of weighted components about their values, SI, such as
-                those of x_tt, y_tt, z_tt (m/s²) about zero.
+            sigma_components: standard deviations of weighted components of the arc about their
+                values, SI, such as those of x_tt, y_tt, z_tt (m/s²) about zero. Those of the photos
+                from the arc are ``sigma``.
             fixed: components that are held.
 
         Raises:
@@ -93,7 +94,7 @@ class Arcs:
             found.append(Problem(f"gm must not be negative, and it is {gm!r}", where))
         names = unknown_kind(KIND).names(TERMS + 3 * (power - 1))
         given = dict(values or {}) | {"gm": gm, "spin": spin}
-        strange = [c for c in (*given, *(weights or {}), *fixed) if c not in names]
+        strange = [c for c in (*given, *(sigma_components or {}), *fixed) if c not in names]
         found += [
             Problem(f"unknown component {c!r}; valid: {known(names, most=30, meant=c)}", where)
             for c in dict.fromkeys(strange)
@@ -114,8 +115,8 @@ class Arcs:
         if wanted:
             at = np.array([centres[f] for f in placed])
             start = _fitted(self.frame, start, wanted, at, np.array(list(placed.values())))
-        held = [c for c in fixed if c not in (weights or {})]
-        self.set_unknown(KIND, name, start.tolist(), fixed=held, sigma=weights or None)
+        held = [c for c in fixed if c not in (sigma_components or {})]
+        self.set_unknown(KIND, name, start.tolist(), fixed=held, sigma=sigma_components or None)
         x, y, z = sigmas(sigma, 3, f"sigma of {where}")
         ties = [PhotoOnArc(f, name, time=float(t), sigma=(x, y, z)) for f, t in times.items()]
         return list(self.add(*ties))

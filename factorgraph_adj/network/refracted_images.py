@@ -7,10 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from ..entities import ImageTable, Point
-from ..errors import InputError, Problem
+from ..entities import ImageTable, JointImagePoints, Point
+from ..errors import InputError, Problem, known
 from ..models.unknown_registry import unknown_kind
+from ..observations.correlated_observations import Correlated
 from ..observations.refracted_images import ImageThroughLevel, ImageThroughPlane, ImageThroughPort
+from ..types import Mask
 from .construction import required
 from .photo_motions import PhotoMotions
 
@@ -102,7 +104,8 @@ class RefractedImages(PhotoMotions):
         """Take image points as seen through an interface; return the ids of the observations.
 
         They leave the table of image points and become observations of `ImageThroughLevel`,
-        `ImageThroughPlane` or `ImageThroughPort`, with their coordinates and standard deviations.
+        `ImageThroughPlane` or `ImageThroughPort`, with their coordinates, standard deviations and
+        correlations; a group with a joint covariance becomes a `Correlated` of them.
 
         Args:
             medium: the refractive index of the medium that the points are in.
@@ -113,8 +116,8 @@ class RefractedImages(PhotoMotions):
             photos: the photos that see them through the interface; None: all.
 
         Raises:
-            InputError: not exactly one of level, plane and port, names that are unknown, or no
-                image point of such a point and photo.
+            InputError: not exactly one of level, plane and port, names that are unknown, no image
+                point of such a point and photo, or not all of a group with a joint covariance.
         """
         where = "refracted image points"
         kinds: tuple[tuple[str, str | None, type[Any]], ...] = (
@@ -128,32 +131,41 @@ class RefractedImages(PhotoMotions):
         ((attribute, name, kind),) = stated
         photo, point, xy, sigma = self.images.columns()
         seen = np.ones(len(photo), dtype=bool)
-        for given, known, number, what in (
+        for given, there, number, what in (
             (photos, self.photos, photo, "photo"),
             (points, self.points, point, "point"),
         ):
             if given is not None:
                 chosen = list(given)
                 for each in chosen:
-                    required(each, known, what, where)
-                of = {n: i for i, n in enumerate(known)}
+                    required(each, there, what, where)
+                of = {n: i for i, n in enumerate(there)}
                 seen &= np.isin(number, [of[n] for n in chosen])
         if not seen.any():
             raise InputError(Problem("no image point is of these photos and points", where))
+        groups = self._whole_groups(seen, where)
         photo_names, point_names = tuple(self.photos), tuple(self.points)
-        found = [
-            kind(
+        rho = self.images.correlation
+
+        def through(row: int) -> Any:
+            x, y = sigma[row].tolist()
+            xy_both = float(rho[row]) * x * y
+            alone = {"sigma": (x, y)}
+            joint = {"covariance": np.array([[x * x, xy_both], [xy_both, y * y]])}
+            return kind(
                 photo_names[photo[row]],
                 point_names[point[row]],
                 tuple(xy[row].tolist()),
-                sigma=tuple(sigma[row].tolist()),
                 medium=medium,
                 id=self.images.ids.get(row),
                 source=self.images.sources.get(row),
+                **(joint if xy_both else alone),
                 **{attribute: name},
             )
-            for row in np.flatnonzero(seen).tolist()
-        ]
+
+        grouped = {row for g in groups for row in g.rows.tolist()}
+        found: list[Any] = [through(r) for r in np.flatnonzero(seen).tolist() if r not in grouped]
+        found += [Correlated(tuple(map(through, g.rows.tolist())), g.covariance) for g in groups]
         before = self.images
         self.image_mask(~seen)
         try:
@@ -161,3 +173,31 @@ class RefractedImages(PhotoMotions):
         except InputError:
             self.images = before
             raise
+
+    def _whole_groups(self, seen: Mask, where: str) -> list[JointImagePoints]:
+        """Return the groups with a joint covariance whose image points are all among those seen.
+
+        Raises:
+            InputError: some image points of a group are among them, and others are not.
+        """
+        photo, point, *_ = self.images.columns()
+        photos, points = tuple(self.photos), tuple(self.points)
+        whole, problems = [], []
+        for group in self.images.joint:
+            inside = seen[group.rows]
+            if inside.all():
+                whole.append(group)
+            elif inside.any():
+                some, others = (
+                    known(f"{photos[photo[r]]}/{points[point[r]]}" for r in group.rows[on])
+                    for on in (inside, ~inside)
+                )
+                what = (
+                    f"{some} have a joint covariance with {others}, which are not to be seen "
+                    "through the interface: image points of both kinds have none; choose all or "
+                    "none of them, or state image points without a joint covariance"
+                )
+                problems.append(Problem(what, where))
+        if problems:
+            raise InputError(problems)
+        return whole

@@ -1,9 +1,9 @@
 """Moving points: targets on a trajectory, and images of radar along the track of their sensor.
 
-A moving point has the place X at the time zero, and a motion, an unknown with velocity V and
-acceleration A in the axes of the network. At the time t it is at
+A moving point has the place X at the time zero, and a motion, an unknown with the velocity V and
+the coefficient Q of t², half an acceleration, in the axes of the network. At the time t it is at
 
-    X(t) = X + V t + ½ A t² − ½ g t² u
+    X(t) = X + V t + Q t² − ½ g t² u
 
 with the upward direction u at X, and the gravity g of free fall: 0 for what flies evenly (FRAMES
 F19.3). Every place in which it was observed is a point of its own, which a `MovedPoint` ties to it,
@@ -11,7 +11,7 @@ so that all kinds of observations observe a target in flight.
 
 A radar image measures for each point the time at which the sensor saw it, its slant range and its
 Doppler frequency (F19.1; F. Leberl, Radargrammetric image processing, Norwood 1990). With
-d = X − S(t), and the velocity V(t) = V + A t of the sensor:
+d = X − S(t), and the velocity V(t) = V + 2 Q t of the sensor:
 
 | kind | computed value |
 | --- | --- |
@@ -43,7 +43,7 @@ from .registry import ObservationKind
 class MovedPoint(VectorObservation):
     """Place of a moving point at a time less that of its motion, metres; 0 on the trajectory.
 
-    X_moved − (X + V t + ½ A t² − ½ g t² u); metres, axes of the network. Its standard deviations
+    X_moved − (X + V t + Q t² − ½ g t² u); metres, axes of the network. Its standard deviations
     say by how much the target may leave the trajectory.
     """
 
@@ -113,25 +113,25 @@ def moved_point(
     time: Array,
     gravity: Array,
 ) -> Linearised:
-    """Compute X_moved − (X + V t + ½ A t² − ½ g t² u) − observed, metres, (n, 3).
+    """Compute X_moved − (X + V t + Q t² − ½ g t² u) − observed, metres, (n, 3).
 
     Args:
         frame: frame of the network.
         point: X, (n, 3).
         moved: X_moved, (n, 3).
-        motion: V and A, (n, 6).
+        motion: V and Q, (n, 6).
         observed: differences, (n, 3).
         time: t, (n,) seconds.
         gravity: g, (n,) metres per second².
     """
-    t, half = time[:, None], 0.5 * time[:, None] ** 2
+    t, square = time[:, None], time[:, None] ** 2
     basis = frame.basis(point, np.zeros((len(point), 2)))
-    fallen = half * gravity[:, None]
-    v = moved - point - t * motion[:, :3] - half * motion[:, 3:] + fallen * basis.enu[:, 2]
+    fallen = 0.5 * square * gravity[:, None]
+    v = moved - point - t * motion[:, :3] - square * motion[:, 3:] + fallen * basis.enu[:, 2]
     eye = np.broadcast_to(np.eye(3), (len(v), 3, 3))
     turned = up_by_angles(basis) @ basis.angles_by_position
     by_point = fallen[:, :, None] * turned - eye
-    by_motion = -np.concatenate([t[:, :, None] * eye, half[:, :, None] * eye], axis=2)
+    by_motion = -np.concatenate([t[:, :, None] * eye, square[:, :, None] * eye], axis=2)
     return Linearised(v - observed, (by_point, eye, by_motion))
 
 
@@ -142,7 +142,7 @@ def _seen(sensor: Array, target: Array, motion: Array, time: Array) -> tuple[Arr
         DegenerateError: the sensor is at the point.
     """
     t = time[:, None]
-    d = target - sensor - t * motion[:, :3] - 0.5 * t * t * motion[:, 3:]
+    d = target - sensor - t * motion[:, :3] - t * t * motion[:, 3:]
     length = np.linalg.norm(d, axis=1, keepdims=True)
     require(length[:, 0] > 0.0, "the sensor is at the point: its range has no direction")
     return d, length
@@ -151,7 +151,7 @@ def _seen(sensor: Array, target: Array, motion: Array, time: Array) -> tuple[Arr
 def _by_variables(by_d: Array, by_velocity: Array, time: Array) -> tuple[Array, ...]:
     """Return the partials by S, X and the motion from those by d and V(t), (n, 3) each."""
     t = time[:, None]
-    by_motion = [by_velocity - t * by_d, t * by_velocity - 0.5 * t * t * by_d]
+    by_motion = [by_velocity - t * by_d, 2.0 * t * by_velocity - t * t * by_d]
     return -by_d[:, None], by_d[:, None], np.concatenate(by_motion, axis=1)[:, None]
 
 
@@ -164,7 +164,7 @@ def radar_range(
         frame: not used.
         sensor: S at the time zero, (n, 3).
         target: X, (n, 3).
-        motion: V and A of the sensor, (n, 6).
+        motion: V and Q of the sensor, (n, 6).
         observed: slant ranges, (n, 1).
         time: t, (n,) seconds.
     """
@@ -181,7 +181,7 @@ def radar_squint(
     by V; those of the angle are larger by 1/√(1 − s²).
     """
     d, length = _seen(sensor, target, motion, time)
-    velocity = motion[:, :3] + time[:, None] * motion[:, 3:]
+    velocity = motion[:, :3] + 2.0 * time[:, None] * motion[:, 3:]
     speed = np.linalg.norm(velocity, axis=1, keepdims=True)
     require(speed[:, 0] > 0.0, "the sensor stands still: its motion has no direction")
     e, n = d / length, velocity / speed
@@ -193,7 +193,7 @@ def radar_squint(
 
 
 def of_point_motions(motions: Motions, values: Array, at: Index) -> Array:
-    """Return the motions of velocities and accelerations: they turn and scale with the object."""
+    """Return the motions of velocities and terms of t²: they turn and scale with the object."""
     out = np.zeros((len(values), 6, 7))
     for first in (0, 3):
         part = values[:, first : first + 3]
@@ -218,7 +218,7 @@ UNKNOWNS_IN_MODULE = (
         late=2,
         table=UnknownTable("point_motions", held_unless_free=True),
         remedy=(
-            "a velocity needs observations at two times, an acceleration at three: hold it where "
+            "a velocity needs observations at two times, a term of t² at three: hold it where "
             "it is 0 or known"
         ),
         titles={"de": "Bewegung eines Punkts"},

@@ -388,7 +388,7 @@ def adjust(
         leave_out_undetermined: whether `determined_part` is adjusted, without what the observations
             do not determine; ``solution.network.unknowns_left_out`` names it, with a client
             ``solution.unknowns_left_out``. Not with ``weights``.
-        solver: ``direct``, elimination in fronts; or ``conjugate_gradients`` for blocks of photos
+        solver: ``direct``, elimination in fronts; or ``conjugate-gradients`` for blocks of photos
             whose fronts do not fit in memory. The minimum is the same within ``tolerance``, without
             the covariances of all unknowns: see `estimate_precision`. It needs a given datum. Not
             with a client.

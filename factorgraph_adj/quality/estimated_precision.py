@@ -94,7 +94,7 @@ def estimate_precision(
 ) -> EstimatedPrecision:
     """Estimate the standard deviations of all unknowns from random samples.
 
-    Any solution with a given datum is taken; those by ``solver="conjugate_gradients"`` have no
+    Any solution with a given datum is taken; those by ``solver="conjugate-gradients"`` have no
     other standard deviations of all unknowns. ``solution.covariance`` and
     ``solution.variable_covariance`` of single ones are solved for, and are no estimates.
 

@@ -156,8 +156,9 @@ def render_corrections(report: CorrectionsReport, *, most: int | None = None) ->
         if not on:
             continue
         function = c.functions[found.components.index(on[0])]
+        said = "no signal" if function is None else function.text("m")
         how = "stated" if estimate is None else "estimated by restricted likelihood"
-        lines += paragraph(f"{', '.join(on)}: covariance function {function} m, {how}.")
+        lines += paragraph(f"{', '.join(on)}: covariance function {said}, {how}.")
         if test is not None:
             lines += paragraph(f"{test.headline()}.")
     lines += paragraph(
@@ -195,8 +196,9 @@ def render_image_corrections(found: CorrectedBundle) -> str:
         for name, c in corrections.cameras.items():
             unit = solution.network.cameras[name].unit
             function = c.collocation.functions[0]
+            said = "no signal" if function is None else function.text(unit)
             lines += paragraph(
-                f"Camera {name}: covariance function {function} {unit}; corrections of "
+                f"Camera {name}: covariance function {said}; corrections of "
                 f"{len(c.lens.x)} × {len(c.lens.y)} nodes by up to {c.largest:.3g} {unit}, their "
                 f"σ up to {c.sigmas.max():.3g} {unit}. {c.test.headline()}."
             )

@@ -324,7 +324,7 @@ def free_memory_bytes() -> float:
 
 GRADIENTS_HINT = (
     "or solve by conjugate gradients (adjust --solver conjugate-gradients, in Python "
-    "solver='conjugate_gradients'), without the covariances of all unknowns"
+    "solver='conjugate-gradients'), without the covariances of all unknowns"
 )
 """What to do where fronts, or pairs of photos, do not fit in memory."""
 

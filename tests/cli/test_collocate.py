@@ -29,7 +29,7 @@ def test_the_files_have_the_corrections(
     options = ["--covariance", "none", "--height", stated, "--trend", "mean", "--out", str(out)]
     assert main(["collocate", project, *options]) == 0
     said = capsys.readouterr().out
-    assert "up: covariance function gaussian, σ 0.03, L 400 m, stated." in " ".join(said.split())
+    assert "up: covariance function gaussian, σ 0.03 m, L 400 m, stated." in " ".join(said.split())
     expected = point_corrections(
         fga.adjust(fga.read_project(project)), covariance=None, height=SIGNAL, trend="mean"
     )
@@ -93,7 +93,7 @@ def test_heights_have_the_function_of_the_plan_by_default(
     options = ["--use", "check", "--covariance", "hirvonen:0.01,300", "--noise", "0.005"]
     assert main(["collocate", str(tmp_path), *options]) in (0, 1)
     said = capsys.readouterr().out
-    assert said.count("hirvonen, σ 0.01, L 300 m, stated") == 2
+    assert said.count("hirvonen, σ 0.01 m, L 300 m, stated") == 2
 
 
 @pytest.mark.parametrize(

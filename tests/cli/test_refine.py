@@ -41,7 +41,7 @@ def test_the_project_and_the_table_have_the_corrections(
     )
     written = fga.read_project(out).images.columns()[2]
     np.testing.assert_allclose(written, expected.network.images.columns()[2], rtol=0, atol=1e-9)
-    with (out / "image_corrections.csv").open(encoding="utf-8") as file:
+    with (out / "refinement.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     for cause, values in {**expected.corrections, "sum": expected.sum}.items():
         found = [[float(r[f"{cause}_{a}"]) for a in "xy"] for r in rows]

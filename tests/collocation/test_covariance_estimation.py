@@ -81,7 +81,7 @@ def test_truth_is_found_within_its_sigmas() -> None:
 def test_known_noise_is_taken_as_it_is() -> None:
     where, values = drawn(100, 5)
     e = estimate_covariance(where, values, kind="matern52", noise=NOISE)
-    assert e.noise == 1.0 and len(e.log_sigmas) == 2
+    assert e.noise == NOISE and len(e.log_sigmas) == 2
     assert abs(np.log(e.function.sigma / TRUE.sigma)) < 3 * e.log_sigmas[0]
     other = CovarianceFunction("matern52", 1.1 * e.function.sigma, e.function.length)
     assert e.likelihood > e.without_signal

@@ -76,7 +76,7 @@ def test_an_unknown_gravity_is_an_acceleration() -> None:
         if isinstance(x, o.MovedPoint):
             network.observations[ident] = replace(x, gravity=0.0)
     found = fga.adjust(network).unknown("point_motion", "flight")
-    assert abs(found.values[5] + GRAVITY) < 4.0 * found.sigmas[5] < 0.1
+    assert abs(found.values[5] + 0.5 * GRAVITY) < 4.0 * found.sigmas[5] < 0.05
 
 
 @pytest.mark.parametrize("kind", ["geocentric", "topocentric"])
@@ -99,13 +99,13 @@ def test_squint_is_that_of_the_doppler_frequency() -> None:
     motion, time = np.array([[8.0, 100.0, 1.0, 0.3, -0.2, 0.1]]), np.array([4.0])
 
     def place(t: float) -> np.ndarray:
-        return sensor[0] + t * motion[0, :3] + 0.5 * t * t * motion[0, 3:]
+        return sensor[0] + t * motion[0, :3] + t * t * motion[0, 3:]
 
     h = 1e-4
     there, here = (np.linalg.norm(target[0] - place(4.0 + s * h)) for s in (1.0, -1.0))
     rate = (there - here) / (2.0 * h)
     squint = radar_squint(LocalFrame(), sensor, target, motion, observed=0.0, time=time).residual
-    speed = np.linalg.norm(motion[0, :3] + 4.0 * motion[0, 3:])
+    speed = np.linalg.norm(motion[0, :3] + 8.0 * motion[0, 3:])
     np.testing.assert_allclose(speed * np.sin(squint[0, 0]), -rate, rtol=1e-7)
 
 

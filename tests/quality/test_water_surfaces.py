@@ -203,6 +203,33 @@ def test_targets_before_and_after_the_water_came_are_one_network() -> None:
     assert abs(solution.unknown("refractive_index", "water").values[0] - 1.34) < 5e-4
 
 
+def test_covariances_of_image_points_go_with_them_through_the_port() -> None:
+    network = as_in_air(fga.measure(housing(), seed=1))
+    network.set_port("port", distance=0.06)
+    network.set_refractive_index("water", 1.34)
+    points = list(network.image_points())
+    alone, a, b, *rest = points
+    correlated = replace(alone, sigma=(0.3, 0.5), correlation=0.4)
+    root = np.random.default_rng(1).normal(size=(4, 4))
+    joint = root @ root.T + np.eye(4)
+    network.images = network.images.kept(np.zeros(len(points), dtype=bool))
+    network.add(correlated, *rest, o.Correlated((a, b), joint))
+    (photo,) = {a.photo, b.photo}
+    some = network.copy()
+    with pytest.raises(fga.InputError, match=f"{photo}/{a.point} have a joint covariance with "):
+        some.refract_images(medium="water", port="port", points=[a.point])
+    assert some.n_image_points == len(points)
+    ids = network.refract_images(medium="water", port="port")
+    assert len(ids) == len(points) and not network.n_image_points
+    seen: Any = {(x.photo, x.point): x for x in network.observations.values()}
+    found = seen[alone.photo, alone.point].covariance
+    np.testing.assert_allclose(found, [[0.09, 0.06], [0.06, 0.25]])
+    ((members, covariance),) = network.clusters
+    of = [network.observations[i] for i in members]
+    assert [(x.photo, x.point) for x in of] == [(x.photo, x.point) for x in (a, b)]
+    np.testing.assert_array_equal(covariance, joint)
+
+
 def test_refract_images_says_what_is_wrong() -> None:
     network = housing()
     with pytest.raises(fga.InputError, match="one of level, plane and port"):

@@ -246,7 +246,8 @@ def test_a_wrong_call_adds_nothing_and_lists_every_problem() -> None:
     plan = lunar_strips(arcs=False)
     before = (dict(plan.observations), dict(plan.parameters))
     with pytest.raises(fga.InputError) as error:
-        plan.add_arc("x", {"F00": 0.0, "F9": np.nan}, sigma=1.0, gm=-1.0, power=7, weights={"q": 1})
+        times, strange = {"F00": 0.0, "F9": np.nan}, {"q": 1.0}
+        plan.add_arc("x", times, sigma=1.0, gm=-1.0, power=7, sigma_components=strange)
     text = str(error.value)
     for part in ("unknown photo 'F9'", "finite", "power must be 1 to 5", "negative", "'q'"):
         assert part in text

@@ -86,7 +86,7 @@ def apart(direct: fga.Solution, other: fga.Solution) -> float:
 def test_the_minimum_is_that_of_the_direct_solution(make) -> None:
     network = make()
     direct = fga.adjust(network, tolerance=1e-7)
-    found = fga.adjust(network, tolerance=1e-7, solver="conjugate_gradients")
+    found = fga.adjust(network, tolerance=1e-7, solver="conjugate-gradients")
     assert found.converged and found.run.solver.iterative
     assert found.vtpv == pytest.approx(direct.vtpv, rel=1e-11)
     assert apart(direct, found) < MINIMUM
@@ -108,7 +108,7 @@ def test_poor_starts_are_damped_to_the_same_minimum(seed: int) -> None:
         moved = point.coordinates + rng.normal(0.0, 10.0, 3)
         network.points[name] = replace(point, coordinates=tuple(moved))
     direct, found = (
-        fga.adjust(network, solver=solver) for solver in ("direct", "conjugate_gradients")
+        fga.adjust(network, solver=solver) for solver in ("direct", "conjugate-gradients")
     )
     assert direct.converged and found.converged
     assert apart(direct, found) < 1e-4  # the tolerance of the iteration is 10⁻⁵ σ
@@ -178,7 +178,7 @@ def test_clusters_have_every_node_once_and_common_points() -> None:
 def test_estimates_have_the_standard_error_that_they_state() -> None:
     network = aerial(10)
     direct = fga.adjust(network)
-    found = fga.adjust(network, solver="conjugate_gradients")
+    found = fga.adjust(network, solver="conjugate-gradients")
     exact = np.sqrt(np.diagonal(direct.point_covariances, axis1=1, axis2=2))
     estimated = fga.estimate_precision(found, samples=100)
     sigmas = np.array([estimated.points[n] for n in direct.equations.unknowns["point"].names])
@@ -193,7 +193,7 @@ def test_estimates_have_the_standard_error_that_they_state() -> None:
 
 
 def test_what_needs_an_inverse_is_refused_with_the_reason(tmp_path: Path) -> None:
-    found = fga.adjust(aerial(6), solver="conjugate_gradients")
+    found = fga.adjust(aerial(6), solver="conjugate-gradients")
     with pytest.raises(SingularError, match=r"conjugate gradients.*estimate_precision"):
         _ = found.point_covariances
     with pytest.raises(AdjustmentError, match=r"no reliability: .*conjugate gradients"):
@@ -230,13 +230,13 @@ def test_options_that_do_not_fit_are_refused() -> None:
     with pytest.raises(InputError, match="unknown solver 'gradients'; valid"):
         fga.adjust(aerial(4), solver="gradients")  # type: ignore[call-overload]
     with pytest.raises(InputError, match="need a given datum"):
-        fga.adjust(aerial(4), datum="free", solver="conjugate_gradients")
+        fga.adjust(aerial(4), datum="free", solver="conjugate-gradients")
     level = Network("levels")
     level.add_point("A", (0, 0, 0), fixed="xyz")
     level.add_point("B", (9, 0, 1), fixed="xy")
     level.add(HeightDifference("A", "B", 1.0, sigma=0.001))
     with pytest.raises(InputError, match="that only photos see, and network 'levels' has none"):
-        fga.adjust(level, solver="conjugate_gradients")
+        fga.adjust(level, solver="conjugate-gradients")
 
 
 def test_a_datum_defect_is_found_without_pivots() -> None:
@@ -245,7 +245,7 @@ def test_a_datum_defect_is_found_without_pivots() -> None:
     with pytest.raises(DatumError) as direct:
         fga.adjust(rest)
     with pytest.raises(DatumError) as other:
-        fga.adjust(rest, solver="conjugate_gradients")
+        fga.adjust(rest, solver="conjugate-gradients")
     assert direct.value.defect == other.value.defect == 7
 
 

@@ -113,14 +113,14 @@ def test_faults_of_the_table_of_covariances_are_named(network: fga.Network, tmp_
         (whole[1].replace(name, "F1/nowhere", 1), "unknown id 'F1/nowhere'"),
         (whole[1].replace(",x,", ",z,", 1), "unknown component 'z'"),
         (whole[1].rsplit(",", 1)[0] + ",-1.0\n", "positive variances"),
-        (whole[1].rsplit(",", 1)[0] + ",\n", "covariance_image"),
+        (whole[1].rsplit(",", 1)[0] + ",\n", "covariance_image2"),
     ):
         file.write_text("".join([whole[0], line, *whole[2:]]))
         with pytest.raises(fga.InputError, match=r"covariances\.csv") as caught:
             fga.read(tmp_path / "project.toml")
         assert says in str(caught.value)
-    file.write_text("".join(whole).replace("covariance_image", "covariance_si"))
-    with pytest.raises(fga.InputError, match="image points are stated as covariance_image"):
+    file.write_text("".join(whole).replace("covariance_image2", "covariance_si"))
+    with pytest.raises(fga.InputError, match="image points are stated as covariance_image2"):
         fga.read(tmp_path / "project.toml")
 
 
