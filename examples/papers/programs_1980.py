@@ -220,7 +220,7 @@ def several_cameras(block: MethodBlock) -> Outcome:
 
 
 def on_arcs(block: MethodBlock) -> Outcome:
-    """LOSAT LOBAT: the photos of each strip on a curve of time; orbits have a ``gm`` in addition.
+    """LOSAT LOBAT: the photos of each strip on a trajectory; orbits have a ``gm`` in addition.
 
     Photos are exposed at equal intervals. The block is flown by an aircraft, whose curve is a
     polynomial of the second power.
@@ -251,7 +251,7 @@ PROGRAMS: tuple[Program, ...] = (
     Program("URELO", "units of up to 8 photos", partial(large_units, practice=True)),
     Program("COMBAT II", "30 self-calibration", SELF_CALIBRATION),
     Program("SURBAT", "30, data snooping", partial(edited, lens="both", priors=True)),
-    Program("LOSAT LOBAT", "photos on curves of time", on_arcs),
+    Program("LOSAT LOBAT", "photos on trajectories", on_arcs),
     Program("TPA", "triplets, strips, resections, bundle", resected),
     Program("PAT-M4", "13 an-block", run.models_in_plan),
     Program("PAT-M43", "19 plan and height", lambda b: run.in_turn(b.network, b)),

@@ -17,7 +17,7 @@ EACH = {
     "MUSAT": "data snooping",
     "URELO": "large units",
     "SURBAT": "data snooping and self-calibration",
-    "LOSAT LOBAT": "curves of time",
+    "LOSAT LOBAT": "trajectories",
     "TPA": "resections",
     "PAT-M4": "plan",
     "PAT-M43-APR-STATOS-LAKE": "auxiliary heights",
