@@ -214,7 +214,7 @@ class Collocation(Shown):
 
     @cached_property
     def noise(self) -> Array:
-        """Estimated noise n̂ = ℓ − A x̂ − ŝ, (n, c)."""
+        """Estimated noise n̂ = ℓ − A x̂ − ŝ, observed − predicted, (n, c)."""
         return self._spread([c.noise @ p for c, p in zip(self._components, self._pl, strict=True)])
 
     @cached_property
@@ -292,9 +292,11 @@ def collocate(
         places: coordinates of the places, (n, d); (n,) for one coordinate.
         observed: observed values, (n, c); (n,) for one component. NaN: not observed there.
         covariance: covariance function of the signal of all components, or of each component; None
-            for a component without signal, which then needs noise.
-        noise: standard deviation of the noise: one number, one of each component (c,), or of each
-            value (n, c); or, for one component, the covariance of all values, (n, n).
+            for a component without signal, which then needs noise. σ is in the unit of the values,
+            L in that of the places.
+        noise: standard deviation of the noise, in the unit of the values: one number, one of each
+            component (c,), or of each value (n, c), (n,) for one component; or, for one component,
+            the covariance of all values, (n, n).
         trend: ``none``, ``mean``, ``plane`` or ``similarity``, see
             `factorgraph_adj.collocation.trend`.
         names: names of the places; by default their numbers from 1.

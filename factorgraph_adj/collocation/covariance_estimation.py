@@ -209,7 +209,8 @@ def estimate_covariance(
         observed: observed values, (n, c) or (n,), NaN where not observed. All components have the
             same function; call it once for each where they differ.
         kind: kind of covariance function.
-        noise: σ of the noise, as for `collocate`, which counts as known; None: one σ is estimated.
+        noise: σ of the noise, which counts as known: one number, one of each component or value as
+            for `collocate`, but no covariance of all values; None: one σ is estimated.
         trend: trend, as for `collocate`.
         length: L, if it is known.
         alpha: probability with which the test finds a signal where there is none; 1: a signal is

@@ -9,7 +9,8 @@ with the mean residual v̄ of each cell of the image, whose noise has the standa
 the cells divided by √(number of rays). Collocation predicts s at the nodes of a grid that is added
 to the measured coordinates, `factorgraph_adj.models.grid_lens.GridLens`, for a second bundle.
 Poses and points have taken part of the systematic errors, so that residuals show only the rest:
-each further bundle with grid finds more of it, until the residuals have no signal.
+each further bundle with grid finds more of it, until the residuals have no signal or the stated
+number of bundles is reached.
 """
 
 from __future__ import annotations
@@ -247,7 +248,7 @@ def corrected_bundle(
     nodes: int = NODES,
     alpha: float = ALPHA_OF_MODEL,
 ) -> CorrectedBundle:
-    """Adjust again with correction grids until the residuals have no signal.
+    """Adjust again with correction grids until the residuals have no signal, or ``rounds`` times.
 
     Args:
         solution: the first bundle adjustment.

@@ -69,14 +69,18 @@ def signal_test(
     trend: str = "mean",
     alpha: float = ALPHA_OF_MODEL,
 ) -> SignalTest:
-    """Test whether neighbouring values are alike, beyond a trend.
+    """Test whether neighbouring values are alike, beyond a trend: Moran's I.
+
+    The test is one-sided: a signal makes values of neighbours alike, I large. Neighbours are the
+    `NEIGHBOURS` (4) nearest places of each.
 
     Args:
         places: coordinates of the places, (n, d).
         observed: observed values, (n, c) or (n,), NaN where not observed.
-        noise: standard deviation of each value, up to a common factor; as for `collocate`.
+        noise: standard deviation of each value, up to a common factor: one number, one of each
+            component or value as for `collocate`, but no covariance of all values.
         trend: trend that is taken out, as for `collocate`.
-        alpha: probability with which the test finds a signal where there is none.
+        alpha: probability with which the test finds a signal where there is none (0.05).
 
     Raises:
         InputError: alpha is not between 0 and 1, fewer than 3 places, or too few values for the

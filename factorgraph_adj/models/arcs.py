@@ -1,4 +1,4 @@
-"""Arcs: places of a spacecraft or an aircraft as a curve of time, with partials.
+"""Arcs: places of a spacecraft or an aircraft as functions of time, with partials.
 
 An arc has the state r₀, v₀ at the time t = 0 in the axes of the network, the gravitational
 parameter μ = GM of the body that attracts (m³/s²), the rate Ω at which this body and the axes of

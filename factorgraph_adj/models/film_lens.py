@@ -66,9 +66,10 @@ def transformation_parameters(transformation: Transformation) -> tuple[str, ...]
 
 @dataclass(frozen=True)
 class FilmLens(Lens):
-    """The camera of film that was scanned or measured in a comparator, ideal → measured.
+    """Lens model of a camera whose film was scanned or measured in a comparator, ideal → measured.
 
-    v = (x0, y0) + T(a) − (x, y), a = c t, with the transformation T of this module. Parameters are
+    v = (x0, y0) + T(a + d(a)) − (x, y), a = c t, with the interior orientation T of this module and
+    the distortion d of a table. Parameters are
     in image units; coordinates of fiducial marks are in film units, see ``pixel``.
     """
 

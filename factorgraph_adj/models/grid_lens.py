@@ -11,7 +11,8 @@ parameters can be free or held. With modes φ_i at the nodes, the signal of the 
 
 and its amplitudes sx_i, sy_i are further parameters: those of a random field, with a common
 standard deviation, see `factorgraph_adj.collocation.signal_variables`. Calibration laboratories
-state grids without modes, and collocation of the residuals of a block makes them, see
+state grids without modes (corrections, ideal − measured; distortions, measured − ideal, have the
+opposite signs), and collocation of the residuals of a block makes them, see
 `factorgraph_adj.collocation.image_corrections`.
 """
 

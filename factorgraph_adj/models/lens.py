@@ -185,12 +185,12 @@ class CorrectingLens(Lens):
     """Base of the models measured → ideal: w(l) = c t − corrected(l − l0) for measured l = (x, y).
 
     Residuals in measured coordinates are v = l̂ − l with w(l̂) = 0, so that Σ is that of measured
-    coordinates: the least squares of the model with conditions, w + B v = 0 with B = −∂w/∂l at l̂.
+    coordinates: the least squares of the model with conditions, w − B v = 0 with B = −∂w/∂l at l̂.
     To the first order their weights are those of eqs. 18 and 20 of El-Hakim & Faig (1981),
     v = B⁻¹ w and vᵀ Σ⁻¹ v = wᵀ (B Σ Bᵀ)⁻¹ w. Residuals in ideal coordinates are v = w(l), and Σ is
     taken as that of corrected coordinates (B = I), as other programs with such a model do.
 
-    A ray for which l̂ is not found, far outside the image, has a residual in ideal coordinates.
+    A ray without l̂, far outside the image, has one in ideal coordinates, without a message.
     """
 
     _: KW_ONLY

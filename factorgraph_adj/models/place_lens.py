@@ -58,7 +58,9 @@ class PlaceLens(Lens):
 
 @dataclass(frozen=True)
 class ParallelLens(PlaceLens, BrownLens):
-    """Parallel projection with Brown's terms, measured → ideal: v = c (p_x, −p_y) − corrected.
+    """Parallel projection with Brown's terms, measured → ideal: w = c (p_x, −p_y) − corrected.
+
+    For scanning electron microscopes and telecentric lenses.
 
     The parameters are those of `BrownLens` in image units; c is the scale, image units per metre
     of the object, and b1 the relative difference of the scales along x and y.

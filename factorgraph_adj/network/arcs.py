@@ -1,4 +1,4 @@
-"""Arcs in a network: photos of an orbit or of a strip on a curve of time."""
+"""Arcs in a network: photos of an orbit or of a strip on a trajectory."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ FIT_STEPS = 20
 
 
 class Arcs:
-    """Part of a network: curves of time on which photos are."""
+    """Part of a network: trajectories, functions of time, on which photos are."""
 
     frame: Frame
     """Frame of the coordinates."""
@@ -49,11 +49,11 @@ class Arcs:
         sigma_components: Mapping[str, float] | None = None,
         fixed: Sequence[str] = ("gm", "spin"),
     ) -> list[str]:
-        """Tie the photos of an orbit or a strip to a curve of time; return the ids of the ties.
+        """Tie the photos of an orbit or a strip to a trajectory; return the ids of the ties.
 
-        The curve is the orbit of two bodies with ``gm``, to which terms of powers of t from 2 to
-        ``power`` are added; without ``gm`` it is a polynomial. Its place x, y, z and velocity
-        x_t, y_t, z_t at t = 0 are free; see `factorgraph_adj.models.arcs`.
+        The trajectory, a function of time, is the orbit of two bodies with ``gm``, to which terms
+        of powers of t from 2 to ``power`` are added; without ``gm`` it is a polynomial. Its place
+        x, y, z and velocity x_t, y_t, z_t at t = 0 are free; see `factorgraph_adj.models.arcs`.
 
         Args:
             name: name of the arc.

@@ -13,11 +13,11 @@ from .registry import ObservationKind
 
 @dataclass(frozen=True)
 class PhotoOnArc(VectorObservation):
-    """Place of the projection centre of a photo against its arc, R' (X₀ − X(t)); metres.
+    """Place of the projection centre of a photo against its arc, Rᵀ (X₀ − X(t)); metres.
 
-    The arc is a curve of time: the orbit of two bodies, a polynomial, or both, see
+    The arc is a trajectory, a function of time: the orbit of two bodies, a polynomial, or both, see
     `Network.add_arc`. The axes are photogrammetric ones of the camera: x right, y up, z backwards.
-    Sigma says by how much the craft may differ from the curve.
+    Sigma says by how much the craft may differ from it.
     """
 
     kind: ClassVar[str] = "photo_on_arc"
@@ -27,8 +27,9 @@ class PhotoOnArc(VectorObservation):
     arc: str
     """The arc."""
     value: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Vector from the place on the arc to the projection centre, metres: 0, or the arm of the
-    camera on the craft."""
+    """Vector from the place on the arc to the projection centre, metres: 0, or the arm from the
+    reference point of the craft, which the arc is of, to the camera. Lever arms of `PhotoPosition`
+    have the opposite direction, from the camera to the antenna."""
     _: KW_ONLY
     time: float = field(metadata={"quantity": "number"})
     """Time t of the exposure, seconds since the epoch of the arc, best one in its middle."""

@@ -185,6 +185,9 @@ def film_coordinates(
 ) -> FilmCoordinates:
     """Return the film coordinates of points from marks that were measured with them.
 
+    They have the origin, the axes and the unit of ``film``: from the principal point where the
+    calibrated coordinates of the marks are.
+
     Args:
         film: calibrated coordinates of the marks, (n, 2).
         measured: measured coordinates of the marks, (n, 2), in about the same unit.
@@ -192,10 +195,11 @@ def film_coordinates(
         transformation: the transformation by all marks.
         reseau: the patch of each point instead: ``four`` crosses, the nearest one in each quadrant
             of the film around the point, for a bilinear transformation; or the nearest ``five``,
-            for an affine one, whose fit has tests. Points outside all crosses are in the patch at
-            the edge.
-        sigma_marks: standard deviations of measured marks, one or (n, 2).
-        sigma: standard deviation of measured coordinates of points.
+            for an affine one, whose fit has tests. The patch of a point outside all crosses is at
+            the edge, and its transformation is extrapolated.
+        sigma_marks: standard deviations of measured marks, in the unit of ``measured``, one or
+            (n, 2).
+        sigma: standard deviation of measured coordinates of points, in the same unit.
 
     Raises:
         InputError: an unknown transformation or patch, or marks that do not determine it.

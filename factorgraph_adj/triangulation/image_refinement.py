@@ -92,7 +92,9 @@ def refine_images(
     solution: Solution | None = None,
     geoid: float = 0.0,
 ) -> RefinedImages:
-    """Correct the measured image coordinates of a network.
+    """Correct measured image coordinates for refraction and curvature of the Earth; run it once.
+
+    A network does not know that its images are refined: a second run would correct them again.
 
     Args:
         network: the network, with image coordinates as they were measured; it is not changed.

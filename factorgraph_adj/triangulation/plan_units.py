@@ -51,7 +51,7 @@ def radial_units(
     *,
     centre: RadialCentre = "horizon",
 ) -> Network:
-    """Turn a block of photos into units in plan, each with a frame of four unknowns.
+    """Return a block as stereo-radial units in plan, each with a frame of four unknowns.
 
     Args:
         network: a block, as for `radial_observations`. Image points of points ``centre NAME`` are
@@ -60,8 +60,8 @@ def radial_units(
         centre: radial centre of the photos.
 
     Returns:
-        A network in plan with the frame ``A-B`` for each unit; stations are not in it, nor points
-        in units where the directions to them have one line (`MIN_INTERSECTION`).
+        A network in plan, to be adjusted, with the frame ``A-B`` for each unit; stations are not in
+        it, nor points in units where the directions to them have one line (`MIN_INTERSECTION`).
 
     Raises:
         InputError: as `radial_observations`; an unknown photo, a photo twice in a unit, or a unit

@@ -82,6 +82,11 @@ def test_known_noise_is_taken_as_it_is() -> None:
     where, values = drawn(100, 5)
     e = estimate_covariance(where, values, kind="matern52", noise=NOISE)
     assert e.noise == NOISE and len(e.log_sigmas) == 2
+    each = np.full(len(where), NOISE)
+    of_each = estimate_covariance(where, values, kind="matern52", noise=each)
+    np.testing.assert_array_equal(of_each.noise, each)
+    assert of_each.headline().endswith("noise as stated")
+    assert of_each.likelihood == pytest.approx(e.likelihood)
     assert abs(np.log(e.function.sigma / TRUE.sigma)) < 3 * e.log_sigmas[0]
     other = CovarianceFunction("matern52", 1.1 * e.function.sigma, e.function.length)
     assert e.likelihood > e.without_signal

@@ -11,9 +11,9 @@ Line and sample 0 are the centre of the first pixel in all of them but DIMAP, wh
 order of the coefficients is that of RPC00B, see `factorgraph_adj.models.rpc_lens`.
 
 Sources: NIMA STDI-0002, appendix E, RPC00B; DigitalGlobe, Image support data (RPB, XML); Airbus,
-Pléiades imagery user guide, appendix C; GDAL RFC 22. Tried on ``autotest/gcore/data`` of GDAL
-(WorldView-3, GeoEye-1) and on the files of ``rpcm`` (Ikonos, Planet, Pléiades, SPOT 6, WorldView-1
-to 3).
+Pléiades imagery user guide, appendix C; GDAL RFC 22. Tried on the files of ``rpcm`` (Ikonos,
+Planet, Pléiades, SPOT 6, WorldView-1 to 3). The RPB and the text of GeoEye-1 in the tests of GDAL
+were read by eye only.
 """
 
 from __future__ import annotations
@@ -63,19 +63,22 @@ def read_rpc(
 
     The camera and its photo have the name of the file without its suffix. The network is
     geocentric, WGS 84. Image coordinates are pixels from the upper left corner of the first pixel,
-    whose centre is (0.5, 0.5); y points down in files. The format of the camera is the area of the
-    offsets and scales. Names of satellite and band, errors as the operator states them, models from
+    whose centre is (0.5, 0.5): ``line_off`` and ``samp_off`` are those of the file + 0.5, of DIMAP
+    − 0.5. y points down in files. No file states the size of the image; that of the camera is
+    ``samp_off + samp_scale`` by ``line_off + line_scale`` pixels, as far as the coefficients hold.
+    Names of satellite and band, errors as the operator states them, models from
     image to ground and limits of validity are not read.
 
     Args:
         path: the file.
         free: free parameters of the bias: ``x0`` and ``y0``, a shift, or also ``c``, ``b1``,
-            ``b2``, ``b3``, an affine transformation; the others are held.
+            ``b2``, ``b3``, an affine transformation; the others are held, by default all.
         sigma_shift_px: standard deviation of a weighted shift x0, y0, pixels; None: it is held
             unless it is free.
 
     Raises:
-        InputError: the file has problems, each with file and line.
+        InputError: the file has problems, each with file and line; ``free`` has another name, or
+            ``sigma_shift_px`` is not greater than zero.
     """
     network = Network(Path(path).stem, frame=GeocentricFrame("WGS84"))
     add_rpc_image(network, path, free=free, sigma_shift_px=sigma_shift_px)
@@ -102,6 +105,9 @@ def add_rpc_image(
 
     Returns:
         The name.
+
+    Raises:
+        InputError: as `read_rpc`; or the network has a camera or photo of the name.
     """
     name = Path(path).stem if name is None else name
     wrong = [n for n in free if n not in BIAS]
