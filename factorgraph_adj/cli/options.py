@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import shlex
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -13,11 +14,10 @@ from typing import Any, Literal, TypeVar, get_args
 
 from ..adjustment import largest_determined_part
 from ..errors import AdjustmentError, InputError, Problem, known, similar
-from ..export.formats import EXPORT_FORMATS, ExportTarget, export_target, format_list
+from ..export.formats import ExportTarget, export_target, format_list
 from ..files import folder_objection, refuse_replacing
 from ..io.adjustment_options import AdjustOptions
 from ..io.project import Project
-from ..io.writers import WRITERS
 from ..network.network import Network
 from ..quality.observation_groups import GroupRule
 from ..quality.point_precision import Place
@@ -30,8 +30,8 @@ from .input import parsed_settings
 from .messages import print_warnings
 from .network_files import refuse_problems
 
-EXPORT_NAMES = (*(e.name for e in EXPORT_FORMATS), *(w.name for w in WRITERS.entries))
-"""Words for the formats that may stand before a file."""
+FORMAT_BEFORE_FILE = re.compile(r"(?P<format>[a-z][a-z0-9_-]+):(?P<file>.+)", re.IGNORECASE)
+"""A format and a file; a single letter is a drive, and ``./a:b.json`` has a colon in its name."""
 AdjustmentResult = TypeVar("AdjustmentResult")
 REPORT_SUFFIXES = (".html", ".htm")
 """Suffixes of a report."""
@@ -96,10 +96,13 @@ def write_exports(report: Report | EpochsReport, options: argparse.Namespace) ->
 
 def _target(text: str) -> ExportTarget:
     """Return the file and the format of ``FORMAT:FILE`` or ``FILE``."""
-    name, colon, file = text.partition(":")
-    if colon and name in EXPORT_NAMES and file:
-        return export_target(Path(file), name)
-    return export_target(Path(text))
+    stated = FORMAT_BEFORE_FILE.fullmatch(text)
+    if stated is None:
+        return export_target(Path(text))
+    try:
+        return export_target(Path(stated["file"]), stated["format"])
+    except InputError as error:
+        raise InputError([replace(p, where=p.where or text) for p in error.problems]) from None
 
 
 def _options(options: argparse.Namespace) -> dict[str, Any]:

@@ -370,7 +370,7 @@ def export_target(path: str | Path, format: str | None = None) -> ExportTarget:
             )
     names = [e.name for e in EXPORT_FORMATS] + [w.name for w in WRITERS.entries]
     if format is not None and format not in names:
-        valid = known(names, meant=format)
+        valid = known(names, meant=format, most=80)
         raise InputError(f"no format {format!r} can be written; valid: {valid}")
     try:
         w = WRITERS.of(file, format)

@@ -53,7 +53,7 @@ def read_camera_record(row: FieldRow, name: str, network: Network) -> ImageAxes:
     unit = row.choice("unit", ("px", *LENGTH), "mm")
     y_down = row.choice("y_axis", ("up", "down"), "up") == "down"
     sigma = {k: v for k, v in row.fields.items() if k in sigma_fields("image")}
-    refuse_other_keys(row, (*CAMERA_KEYS, *sigma))
+    refuse_other_keys(row, (*CAMERA_KEYS, *sigma_fields("image")))
     check_positive(row, sigma)
     axes = ImageAxes(unit, y_down, placeholder_sigma("image") if row.failed else sigma)
     lens = _lens(row)

@@ -89,9 +89,9 @@ class FilmCoordinates:
     """Film coordinates of measured points."""
 
     xy: Array
-    """Coordinates on the film, (m, 2)."""
+    """Coordinates on the film, (m, 2), in the unit of the calibrated marks."""
     covariance: Array
-    """Covariance of x and y of all points in turn, (2 m, 2 m)."""
+    """Covariance of x and y of all points in turn, (2 m, 2 m), in squares of that unit."""
     fits: tuple[MarkFit, ...]
     """The transformations: one for all points, or those of the patches, each once."""
     fit_of_point: Index
@@ -99,7 +99,7 @@ class FilmCoordinates:
 
     @property
     def sigmas(self) -> Array:
-        """Standard deviations of x and y, (m, 2)."""
+        """Standard deviations of x and y, (m, 2), in the unit of the calibrated marks."""
         return np.asarray(np.sqrt(np.diag(self.covariance)).reshape(-1, 2))
 
 
@@ -115,15 +115,17 @@ def fit_marks(
 
     Args:
         film: calibrated coordinates, (n, 2).
-        measured: measured coordinates, (n, 2), in about the same unit.
+        measured: measured coordinates, (n, 2), of the same marks.
         transformation: the transformation, see `factorgraph_adj.models.film_lens`.
-        sigma: standard deviations of measured coordinates, one or (n, 2).
+        sigma: standard deviations of measured coordinates in their unit, one or (n, 2).
         marks: numbers that the marks have in the result; None: 0, 1 ….
 
     Raises:
-        InputError: an unknown transformation, or marks that do not determine it.
+        InputError: an unknown transformation, marks that do not determine it, or coordinates of
+            other shapes.
     """
     names = transformation_parameters(transformation)
+    _refuse_other_shapes(film=film, measured=measured)
     n = len(film)
     numbers = np.arange(n) if marks is None else marks
     sigmas = np.broadcast_to(np.asarray(sigma, dtype=float), (n, 2))
@@ -166,6 +168,16 @@ STEP_TOLERANCE = 1e-10
 """Change of a residual, in its σ, at which a fit ends."""
 
 
+def _refuse_other_shapes(*, film: Array, measured: Array) -> None:
+    """Raise InputError unless every mark has x and y on the film and x and y as measured."""
+    shapes = np.shape(film), np.shape(measured)
+    if shapes[0] != shapes[1] or len(shapes[0]) != 2 or shapes[0][1] != 2:
+        raise InputError(
+            "film and measured must be x and y of the same marks, (n, 2), not "
+            f"{shapes[0]} and {shapes[1]}"
+        )
+
+
 def _partials(film: Array, measured: Array, k: Array) -> tuple[Array, Array]:
     """Return residuals (n, 2) of marks and their partials by the parameters, (n, 2, k)."""
     x, y = film.T
@@ -189,9 +201,11 @@ def film_coordinates(
     calibrated coordinates of the marks are.
 
     Args:
-        film: calibrated coordinates of the marks, (n, 2).
-        measured: measured coordinates of the marks, (n, 2), in about the same unit.
-        xy: measured coordinates of the points, (m, 2).
+        film: calibrated coordinates of the marks, (n, 2), in the unit of the film: the result has
+            it too, with its covariance.
+        measured: measured coordinates of the same marks, (n, 2), in the unit of the measurement,
+            such as pixels.
+        xy: measured coordinates of the points, (m, 2), in the unit of the measurement.
         transformation: the transformation by all marks.
         reseau: the patch of each point instead: ``four`` crosses, the nearest one in each quadrant
             of the film around the point, for a bilinear transformation; or the nearest ``five``,
@@ -202,8 +216,10 @@ def film_coordinates(
         sigma: standard deviation of measured coordinates of points, in the same unit.
 
     Raises:
-        InputError: an unknown transformation or patch, or marks that do not determine it.
+        InputError: an unknown transformation or patch, marks that do not determine it, or
+            coordinates of other shapes.
     """
+    _refuse_other_shapes(film=film, measured=measured)
     n, m = len(film), len(xy)
     if reseau not in (None, "four", "five"):
         raise InputError(f"unknown patch {reseau!r} of a réseau; valid: four, five")

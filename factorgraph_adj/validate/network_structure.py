@@ -38,8 +38,9 @@ MIN_COUNTED_ENTITIES = 5
 DATUM_AXES = ("x", "y", "z")
 LEAVE_OUT_ADVICE = "adjust --leave-out-undetermined"
 """Ends the problems that leaving out solves."""
-MIN_GEOCENTRIC_RADIUS_M = 6_300_000.0
-"""Smallest distance from the centre of the Earth, metres; measured points are farther away."""
+MIN_GEOCENTRIC_DISTANCE = 0.988
+"""Smallest distance from the centre of the ellipsoid, in semi-major axes (6302 km on the
+Earth, 1717 km on the Moon); measured points are farther away."""
 PLACE_KINDS = ("point", "pose", "frame", "size")
 """Kinds of variables without which an observation has no geometry: zeros do not stand for them."""
 
@@ -433,12 +434,13 @@ def geocentric_problems(network: Network, at: Sources) -> Iterator[Problem]:
     """Find local coordinates in a geocentric frame, where such coordinates have no latitude."""
     if not isinstance(network.frame, GeocentricFrame):
         return
+    ellipsoid = network.frame.ellipsoid
     for p in network.points.values():
         distance = float(np.linalg.norm(p.coordinates))
-        if distance < MIN_GEOCENTRIC_RADIUS_M:
+        if distance < MIN_GEOCENTRIC_DISTANCE * ellipsoid.a:
             yield Problem(
-                f"it lies {distance / 1000:.3f} km from the centre of the Earth: a geocentric "
-                "frame needs geocentric coordinates",
+                f"it lies {distance / 1000:.3f} km from the centre of the ellipsoid "
+                f"{ellipsoid.name}: a geocentric frame needs geocentric coordinates",
                 located_names("point", [p.name], at),
             )
 

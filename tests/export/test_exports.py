@@ -140,6 +140,11 @@ def test_snooping_is_in_what_is_exported(tmp_path, capsys):
         (["--export", "a.shp"], "a.shp: unknown kind of file to write; valid: .json"),
         (["--export", "a.geojson"], "WGS 84 only; the network has no reference system"),
         (["--export", "."], "unknown kind of file to write"),
+        (
+            ["--export", "rpc:x.json"],
+            "rpc:x.json: no format 'rpc' can be written; valid: results, ",
+        ),
+        (["--export", "C:\\a.shp"], "C:\\a.shp: unknown kind of file to write; valid: .json"),
         (["--with", "exaggeration=2"], "--with belongs to --export"),
         (
             ["--export", "a.ply", "--with", "exageration=2"],
@@ -154,6 +159,15 @@ def test_the_command_refuses_before_it_writes(tmp_path, monkeypatch, capsys, arg
     assert main(["adjust", source, "--quiet", "--out", "out", *arguments]) == 2
     assert message in capsys.readouterr().err
     assert [p.name for p in tmp_path.iterdir()] == ["in"]
+
+
+def test_a_colon_after_a_drive_or_a_folder_states_no_format(tmp_path, monkeypatch):
+    source = project(tmp_path / "in", small_block())
+    monkeypatch.chdir(tmp_path)
+    files = ("C:a.json", "./rpc:a.json")
+    arguments = [a for f in files for a in ("--export", f)]
+    assert main(["adjust", source, "--quiet", *arguments]) == 0
+    assert {p.name for p in tmp_path.iterdir()} == {"in", "C:a.json", "rpc:a.json"}
 
 
 def test_all_problems_of_exports_are_told_at_once(tmp_path, capsys):

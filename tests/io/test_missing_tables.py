@@ -58,3 +58,19 @@ def test_tables_without_project(command, tmp_path, capsys):
 def test_folder_without_tables(tmp_path):
     with pytest.raises(fga.InputError, match="is a folder that no reader knows"):
         fga.read(tmp_path)
+
+
+def test_tables_that_files_does_not_name(tmp_path, capsys):
+    """Tables that [files] names under another path, or under the name of another table, are."""
+    (tmp_path / "points.csv").write_text(POINTS.replace("0,0,0,\n", "0,0,0,yz\n"))
+    (tmp_path / "readings.csv").write_text(OBSERVATIONS)
+    (tmp_path / "doubts.txt").write_text("about the site\n")
+    for name in ("covariances", "verticals", "refractive_indices"):
+        (tmp_path / f"{name}.csv").write_text("name\n")
+    named = '[files]\npoints = "./points.csv"\nobservations = "readings.csv"\n'
+    (tmp_path / "project.toml").write_text(named)
+    assert main(["check", str(tmp_path)]) != 2
+    said = "".join(capsys.readouterr())
+    for name in ("covariances", "verticals", "refractive_indices"):
+        assert f"{name}.csv: is not read: [files] does not name it" in said
+    assert said.count("is not read") == 4  # with doubts.txt, nearly a table

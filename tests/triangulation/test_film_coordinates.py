@@ -184,3 +184,24 @@ def test_marks_in_another_camera_are_refused():
     network.add(fga.FiducialMark("1", "A", (0.0, 0.0), film_x=1.0, film_y=1.0, sigma=(1, 1)))
     with pytest.raises(InputError, match="lens model 'film'"):
         fga.adjust(network)
+
+
+def test_a_measurement_in_pixels_has_sigma_in_pixels_and_gives_that_of_the_film():
+    pixels = 1000.0 / 15.0  # a millimetre
+    points = np.array([(3.0, 4.0), (-88.0, 71.0)])
+    true = parameters_of("affine")
+    at, seen = scanned(RESEAU, **true), scanned(points, **true)
+    by_unit = [
+        film_coordinates(RESEAU, at * u, seen * u, sigma_marks=SIGMA * u, sigma=SIGMA * u)
+        for u in (1.0, pixels)
+    ]
+    np.testing.assert_allclose(by_unit[1].xy, points, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(by_unit[1].sigmas, by_unit[0].sigmas, rtol=1e-9)
+
+
+@pytest.mark.parametrize("shape", [slice(7), (slice(None), slice(1))])
+def test_marks_without_a_measurement_are_refused(shape):
+    with pytest.raises(InputError, match=r"of the same marks, \(n, 2\), not \(81, 2\) and \("):
+        film_coordinates(RESEAU, RESEAU[shape], RESEAU[:2], sigma_marks=SIGMA, sigma=SIGMA)
+    with pytest.raises(InputError, match="of the same marks"):
+        fit_marks(RESEAU, RESEAU[shape])

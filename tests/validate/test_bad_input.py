@@ -43,6 +43,8 @@ def test_the_project_that_the_others_break_has_no_problems(tmp_path):
     assert problems(write(tmp_path)) == []
 
 
+NAMED = "".join(f'{t} = "{t}.csv"\n' for t in ("observations", "photos", "images"))
+"""The tables of the project."""
 READING = {
     # name: table, what stands there, what is put there, the problem
     "a number that cannot be read": (
@@ -260,7 +262,7 @@ READING = {
         "photos.csv:2: photo 'P': photos need a right-handed frame: choose axes en, nw, ws or se",
     ),
     "a table that is not there": (
-        *("project", 'name = "yard"', 'name = "yard"\n[files]\nverticals = "v.csv"'),
+        *("project", 'name = "yard"', 'name = "yard"\n[files]\n' + NAMED + 'verticals = "v.csv"'),
         "v.csv: cannot be read: no such file or folder",
     ),
 }
@@ -646,6 +648,13 @@ def test_datum_points_are_found_idle_together(tmp_path):
     assert problems(path)[0].startswith("points.csv:8: points 'G', 'H', 'I', 'J': no observation")
 
 
+def test_unknown_keys_of_a_camera_are_told_the_standard_deviations(tmp_path):
+    path = write(tmp_path, project=TEXTS["project"].replace("[[camera]]", "[[camera]]\nsigma = 1"))
+    (found,) = problems(path)
+    assert "unknown key 'sigma'; known: name, lens, " in found
+    assert ", sigma_px, " in found and ", sigma_y_um, " in found
+
+
 def test_local_coordinates_in_a_geocentric_frame_are_refused():
     network = Network(frame=GeocentricFrame())
     network.add_point("A", (100.0, 200.0, 0.0), fixed="xyz")
@@ -653,8 +662,22 @@ def test_local_coordinates_in_a_geocentric_frame_are_refused():
     network.add(SlopeDistance("A", "B", 10.0, sigma=0.1))
     (found,) = (p for p in check(network) if "geocentric" in p.what)
     assert str(found) == (
-        "point 'A': it lies 0.224 km from the centre of the Earth: a geocentric frame needs "
-        "geocentric coordinates"
+        "point 'A': it lies 0.224 km from the centre of the ellipsoid GRS80: a geocentric frame "
+        "needs geocentric coordinates"
+    )
+
+
+@pytest.mark.parametrize(("name", "least"), [("Moon", 1717), ("GRS80", 6302)])
+def test_geocentric_coordinates_are_near_the_ellipsoid_of_the_frame(name, least):
+    network = Network(frame=GeocentricFrame(name))
+    for at, kilometres in (("low", least - 1.0), ("deep", least + 1.0), ("high", least + 500.0)):
+        network.add_point(at, (0.6e3 * kilometres, 0.0, 0.8e3 * kilometres), fixed="xyz")
+    network.add_point("new", (0.0, 0.0, 1e3 * least + 2e3))
+    network.add(SlopeDistance("new", "high", 10.0, sigma=0.1))
+    found = [str(p) for p in check(network) if "geocentric" in p.what]
+    assert len(found) == 1
+    assert found[0].startswith(
+        f"point 'low': it lies {least - 1}.000 km from the centre of the ellipsoid {name}:"
     )
 
 
