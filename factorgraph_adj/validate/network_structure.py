@@ -39,8 +39,7 @@ DATUM_AXES = ("x", "y", "z")
 LEAVE_OUT_ADVICE = "adjust --leave-out-undetermined"
 """Ends the problems that leaving out solves."""
 MIN_GEOCENTRIC_DISTANCE = 0.988
-"""Smallest distance from the centre of the ellipsoid, in semi-major axes (6302 km on the
-Earth, 1717 km on the Moon); measured points are farther away."""
+"""Smallest distance of points from the centre of the ellipsoid, in semi-major axes."""
 PLACE_KINDS = ("point", "pose", "frame", "size")
 """Kinds of variables without which an observation has no geometry: zeros do not stand for them."""
 
@@ -432,15 +431,14 @@ def _observed_axes(block: Block, unknowns: Unknowns) -> Mask:
 
 def geocentric_problems(network: Network, at: Sources) -> Iterator[Problem]:
     """Find local coordinates in a geocentric frame, where such coordinates have no latitude."""
-    if not isinstance(network.frame, GeocentricFrame):
+    if not isinstance(frame := network.frame, GeocentricFrame):
         return
-    ellipsoid = network.frame.ellipsoid
     for p in network.points.values():
         distance = float(np.linalg.norm(p.coordinates))
-        if distance < MIN_GEOCENTRIC_DISTANCE * ellipsoid.a:
+        if distance < MIN_GEOCENTRIC_DISTANCE * frame.ellipsoid.a:
             yield Problem(
                 f"it lies {distance / 1000:.3f} km from the centre of the ellipsoid "
-                f"{ellipsoid.name}: a geocentric frame needs geocentric coordinates",
+                f"{frame.ellipsoid_name}: a geocentric frame needs geocentric coordinates",
                 located_names("point", [p.name], at),
             )
 
