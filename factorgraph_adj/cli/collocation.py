@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import get_args
+
+import numpy as np
 
 from ..adjustment import adjust
 from ..collocation.covariance_function import CORRELATION_FUNCTIONS, CovarianceFunction
@@ -16,6 +19,7 @@ from ..errors import InputError
 from ..io.file_transaction import one_transaction, write_files
 from ..io.project import Project
 from ..io.project_writer import write_project
+from ..network.network import Network
 from ..report.doubtful_results import notes_of_solution
 from ..report.point_corrections import (
     CorrectionsReport,
@@ -40,6 +44,8 @@ from .options import (
 
 IMAGE_ROUNDS = 5
 """Largest number of bundles with correction grids."""
+GIVEN_SIGMA_M = 1e-6
+"""σ of coordinates that are given without error, where nothing is observed, metres."""
 ROWS = 30
 """Number of corrected points that the screen has."""
 
@@ -78,7 +84,7 @@ def add_collocate(parser: argparse.ArgumentParser) -> None:
         type=check_sigma,
         metavar="S|H,V",
         help="σ of the known coordinates instead of the stated ones, metres: of each axis, or "
-        "horizontal and vertical",
+        "horizontal and vertical; that of check points is estimated without it",
     )
     parser.add_argument(
         "--alpha",
@@ -136,6 +142,7 @@ def _collocate(options: argparse.Namespace) -> int:
     project = read_input(options)
     if options.datum is not None:
         project.network.datum = options.datum
+    project = replace(project, network=_with_given_points(project.network))
     project, solution = adjust_determined(project, adjust, leave_out=options.leave_out_undetermined)
     if options.images is not None:
         return _images(options, project, solution)
@@ -166,6 +173,32 @@ def _collocate(options: argparse.Namespace) -> int:
     for remark in found.remarks:
         print(remark, file=sys.stderr)
     return EXIT_DOUBTFUL if found.remarks or not solution.converged else EXIT_FINE
+
+
+def _with_given_points(network: Network) -> Network:
+    """Return a network without observations with weights of its coordinates; else itself.
+
+    Its coordinates are results of another adjustment, or a survey, and nothing adjusts them. Those
+    without a stated σ count as errorless; held ones have no unknowns, of which an adjustment needs
+    one, so that those with check coordinates are weighted instead.
+    """
+    if network.observations or network.images.photo:
+        return network
+    out = network.copy()
+    for name, p in network.points.items():
+        stated = p.sigma if p.sigma is not None else (np.inf,) * 3
+        check = p.check if p.check is not None else (np.nan,) * 3
+        held = [f and not np.isfinite(c) for f, c in zip(p.fixed, check, strict=True)]
+        sigma = [
+            np.inf if h or not np.isfinite(x) else s if np.isfinite(s) else GIVEN_SIGMA_M
+            for h, s, x in zip(held, stated, p.coordinates, strict=True)
+        ]
+        out.points[name] = replace(
+            p,
+            fixed=(held[0], held[1], held[2]),
+            sigma=(sigma[0], sigma[1], sigma[2]) if np.isfinite(sigma).any() else None,
+        )
+    return out
 
 
 def _images(options: argparse.Namespace, project: Project, solution: Solution) -> int:

@@ -24,12 +24,17 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 
 from ..errors import InputError, known, refuse_other_types, unknown_name
+from ..frames import GeocentricFrame
 from ..network.network import Network
 from ..observations.positions import ControlPoint
 from ..quality.point_precision import along_horizon, check_points
 from ..result_display import Rows, Shown
 from ..solve.solution import Solution
-from ..statistical_tests import ALPHA_OF_MODEL
+from ..statistical_tests import (
+    ALPHA_OF_MODEL,
+    chi2_lower_probability,
+    chi2_upper_probability,
+)
 from ..types import Array
 from .collocation import Collocation, Prediction, collocate
 from .covariance_estimation import CovarianceEstimate, estimate_covariance
@@ -44,6 +49,12 @@ COMPONENTS = ("east", "north", "up")
 """Components of corrections."""
 PLAN, HEIGHT = slice(0, 2), slice(2, 3)
 """Those in plan and in height."""
+FAR_NOISE = 10.0
+"""Factor by which noise must exceed the RMS of residuals to be refused: no scatter of them."""
+FAR_SIZE = 2.0
+"""Factor between σ̂0 and 1 from which the stated covariance is doubted, if it is significant."""
+ALPHA_OF_SIZE = 0.001
+"""Error probability of both tests."""
 LEAST_NOISE_M = 1e-9
 """σ of noise that stands for an errorless coordinate where only the ratios of σ count, metres."""
 
@@ -59,7 +70,7 @@ class KnownResiduals:
     values: Array
     """Known − adjusted, (n, 3); NaN where a component is not known."""
     sigmas: Array
-    """σ of the known coordinates, (n, 3)."""
+    """σ of the known coordinates, (n, 3); NaN where it is not known."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -115,8 +126,8 @@ def known_residuals(solution: Solution, use: KnownPoints = "control") -> KnownRe
 
     Args:
         solution: the adjustment.
-        use: ``control``: weighted coordinates and observed control; ``check``: check points, whose
-            coordinates count as errorless.
+        use: ``control``: weighted coordinates and observed control; ``check``: check points, of
+            whose coordinates no σ is known.
 
     Raises:
         InputError: there are no such points. Held coordinates have no residuals.
@@ -130,7 +141,8 @@ def known_residuals(solution: Solution, use: KnownPoints = "control") -> KnownRe
             raise InputError("the network has no check points: state check coordinates of points")
         at = np.array([solution.point(n) for n in checks.names])
         values = -checks.east_north_up
-        return KnownResiduals(checks.names, plan_of(network, at), values, np.zeros_like(values))
+        unknown = np.full(values.shape, np.nan)
+        return KnownResiduals(checks.names, plan_of(network, at), values, unknown)
     controls = [o for o in network.observations.values() if isinstance(o, ControlPoint)]
     rows = [(o.point, *_of_control(o, solution)) for o in controls]
     for p in network.points.values():
@@ -215,18 +227,26 @@ def point_corrections(
             control, which leaves no trend; at check points there may be one.
         use: ``control``, or ``check`` for the check points.
         noise: σ of the known coordinates instead of the stated ones, metres: of all components, or
-            of east, north and up.
+            of east, north and up. Without it that of check points is estimated, together with the
+            covariance function; a stated function needs it.
         points: names of the points that are corrected; by default all.
         alpha: probability with which the test finds a signal where there is none; 1: a signal is
             taken for granted.
 
+    Returns:
+        The corrections. A part, plan or heights, of which nothing is known and every coordinate is
+        held has none: plan networks have no heights.
+
     Raises:
         InputError: there are no known points with residuals, the residuals have no signal from
-            which a function could be estimated, or a name is unknown.
+            which a function could be estimated, they are far smaller than ``noise``, no noise is
+            known where a function is stated, or a name is unknown.
     """
     refuse_other_types(solution, Solution, "point_corrections")
     residuals = known_residuals(solution, use)
-    sigma = residuals.sigmas if noise is None else np.broadcast_to(noise, residuals.values.shape)
+    sigma = residuals.sigmas.copy()
+    if noise is not None:
+        sigma[:] = noise
     names = tuple(solution.network.points) if points is None else tuple(points)
     if unknown := [n for n in names if n not in solution.network.points]:
         raise InputError(unknown_name("point", unknown[0], solution.network.points))
@@ -236,15 +256,26 @@ def point_corrections(
     remarks: list[str] = []
     for stated, part, word in ((covariance, PLAN, "plan"), (height, HEIGHT, "heights")):
         given = covariance if isinstance(stated, str) and stated == "same" else stated
-        values, own = residuals.values[:, part], np.maximum(sigma[:, part], LEAST_NOISE_M)
+        values = residuals.values[:, part]
         enough = np.isfinite(values).sum(axis=0).min() >= 3
         each = trend if trend != "similarity" or part is PLAN else "mean"
         if not enough and isinstance(given, str):
-            remarks.append(f"{word}: fewer than three known points, no correction")
+            if np.isfinite(values).any() or not _is_held(solution, part):
+                remarks.append(f"{word}: fewer than three known points, no correction")
             given = None
+        own: Array | None = np.maximum(sigma[:, part], LEAST_NOISE_M)
+        if np.isnan(sigma[:, part][np.isfinite(values)]).any():
+            own = None
+            if isinstance(given, CovarianceFunction) and np.isfinite(values).any():
+                raise InputError(
+                    f"{word}: no σ of check coordinates is known: state the noise, or give only "
+                    f"the kind of the covariance function, {given.kind}, with which it is estimated"
+                )
         estimate: CovarianceEstimate | None = None
         test: SignalTest | None = None
         if isinstance(given, str):
+            if noise is not None:
+                _refuse_large_noise(values, sigma[:, part], word)
             try:
                 estimate = estimate_covariance(
                     residuals.plan, values, kind=given, noise=own, trend=each, alpha=alpha
@@ -252,13 +283,21 @@ def point_corrections(
             except InputError as error:
                 raise InputError(f"{word}: {error}") from None
             given, test = estimate.function, estimate.test
+            if own is None:
+                sigma[:, part] = estimate.noise
             remarks += [f"{word}: {r}" for r in estimate.remarks]
         elif given is not None and enough:
             test = signal_test(
-                residuals.plan, values, noise=own, trend=each, alpha=min(alpha, 1 - 1e-12)
+                residuals.plan,
+                values,
+                noise=1.0 if own is None else own,
+                trend=each,
+                alpha=min(alpha, 1 - 1e-12),
             )
             if not test.has_signal:
                 remarks.append(f"{word}: {test.headline()}")
+        if given is not None and np.isfinite(values).any():
+            remarks += _wrong_size(residuals.plan, values, given, sigma[:, part], each, word)
         functions += [given] * values.shape[1]
         estimates.append(estimate)
         tests.append(test)
@@ -290,6 +329,59 @@ def point_corrections(
         (tests[0], tests[1]),
         tuple(remarks),
     )
+
+
+def _is_held(solution: Solution, part: slice) -> bool:
+    """Whether every point has its coordinates of a part held in a frame with heights as z."""
+    network = solution.network
+    if isinstance(network.frame, GeocentricFrame):
+        return False
+    return all(np.array(p.fixed)[part].all() for p in network.points.values())
+
+
+def _refuse_large_noise(values: Array, sigma: Array, word: str) -> None:
+    """Raise InputError if stated noise is far larger than all residuals of plan or heights."""
+    on = np.isfinite(values) & (sigma > 0)
+    v, own = values[on], sigma[on]
+    square = float(np.sum((v / own) ** 2))
+    if square * FAR_NOISE**2 < len(v) and chi2_lower_probability(square, len(v)) < ALPHA_OF_SIZE:
+        noise, rms = (float(np.sqrt(np.mean(x**2))) for x in (own, v))
+        raise InputError(
+            f"{word}: the stated noise, {noise:.4g} m, is far larger than the residuals, whose RMS "
+            f"is {rms:.4g} m: state it in metres"
+        )
+
+
+def _wrong_size(
+    places: Array,
+    values: Array,
+    function: CovarianceFunction,
+    sigma: Array,
+    trend: str,
+    word: str,
+) -> list[str]:
+    """Return a remark if σ of signal and noise together are far from the residuals."""
+    seen = np.isfinite(values).any(axis=1)
+    columns = np.isfinite(values).any(axis=0)
+    own, v = sigma[seen][:, columns], values[seen][:, columns]
+    kind = trend if trend != "similarity" or columns.all() else "mean"
+    found = collocate(places[seen], v, covariance=function, noise=own, trend=kind)
+    if found.redundancy <= 0:
+        return []
+    tails = (
+        chi2_lower_probability(found.vtpv, found.redundancy),
+        chi2_upper_probability(found.vtpv, found.redundancy),
+    )
+    probability = 2.0 * min(tails)
+    if 1.0 / FAR_SIZE <= found.sigma0 <= FAR_SIZE or probability >= ALPHA_OF_SIZE:
+        return []
+    on = np.isfinite(v)
+    rms, noise = (float(np.sqrt(np.mean(x[on] ** 2))) for x in (v, own))
+    return [
+        f"{word}: σ̂0 {found.sigma0:.3g} of signal and noise together, where 1 is expected "
+        f"(χ² test, probability {probability:.2g}): the residuals have an RMS of {rms:.4g} m, "
+        f"signal and noise have σ {function.sigma:.4g} and {noise:.4g} m; state them in metres"
+    ]
 
 
 def _of_all_components(some: Prediction, on: Sequence[int]) -> Prediction:

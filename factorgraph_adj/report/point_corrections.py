@@ -79,6 +79,7 @@ def corrected_points_table(report: CorrectionsReport) -> Table[CorrectedPoint]:
             short_heading=True,
         )
         for i, a in enumerate("xyz")
+        if a != "z" or found.coordinates[:, i].any()  # points of a plan have z = 0
     ]
     for heading, key, values in (
         ("d{}", "d{}", found.prediction.values),
@@ -158,6 +159,8 @@ def render_corrections(report: CorrectionsReport, *, most: int | None = None) ->
         function = c.functions[found.components.index(on[0])]
         said = "no signal" if function is None else function.text("m")
         how = "stated" if estimate is None else "estimated by restricted likelihood"
+        if estimate is not None and np.ndim(estimate.noise) == 0:
+            how += f", together with the noise, σ {float(estimate.noise):.4g} m"
         lines += paragraph(f"{', '.join(on)}: covariance function {said}, {how}.")
         if test is not None:
             lines += paragraph(f"{test.headline()}.")

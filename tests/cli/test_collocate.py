@@ -108,3 +108,29 @@ def test_a_wrong_function_is_said(word: str, said: str, capsys: pytest.CaptureFi
     with pytest.raises(SystemExit):
         main(["collocate", "p", "--covariance", word])
     assert said in " ".join(capsys.readouterr().err.split())
+
+
+@pytest.mark.parametrize("columns", ["", ",sigma_mm", ",fixed"])
+def test_points_of_a_plan_need_no_observations(
+    columns: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rng = np.random.default_rng(6)
+    where = rng.uniform(0.0, 1500.0, (40, 2))
+    off = rng.multivariate_normal(np.zeros(40), SIGNAL.between(where), size=2, method="eigh").T
+    known = where + off + rng.normal(scale=0.01, size=off.shape)
+    cell = {"": "", ",sigma_mm": ",10", ",fixed": ",xy"}[columns]
+    lines = [f"name,x,y{columns},check_x,check_y"]
+    for i, (at, there) in enumerate(zip(where, known, strict=True)):
+        check = f"{there[0]},{there[1]}" if i < 30 else ","
+        lines.append(f"P{i},{at[0]},{at[1]}{cell},{check}")
+    (tmp_path / "project.toml").write_text('name = "plan"\ndimension = 2\n', encoding="utf-8")
+    (tmp_path / "points.csv").write_text("\n".join(lines), encoding="utf-8")
+    assert main(["collocate", str(tmp_path), "--use", "check", "--out", str(tmp_path / "o")]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    noise = float(said.split("together with the noise, σ ")[1].split()[0])
+    assert 0.007 < noise < 0.014 and "heights" not in said
+    with (tmp_path / "o" / "corrections.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 40 and "z" not in rows[0] and "du_mm" not in rows[0]
+    predicted = np.array([[float(r["de_mm"]), float(r["dn_mm"])] for r in rows[30:]]) / 1e3
+    assert np.abs(predicted - off[30:]).std() < 0.5 * off[30:].std()

@@ -132,3 +132,41 @@ def test_what_is_wrong_with_signals_is_said() -> None:
         for name, p in other.points.items():
             other.points[name] = fga.Point(name, p.coordinates)
         with_signals(other, covariance=SIGNAL, height=None)
+
+
+def _known_checks(noise: float, *, seed: int = 5) -> fga.Solution:
+    """Return 40 weighted points whose check coordinates have a signal and noise."""
+    network = fga.Network("checks")
+    rng = np.random.default_rng(seed)
+    where = rng.uniform(0.0, 1500.0, (40, 2))
+    off = rng.multivariate_normal(np.zeros(40), SIGNAL.between(where), size=2, method="eigh").T
+    off += rng.normal(scale=noise, size=off.shape)
+    for i, (at, d) in enumerate(zip(where, off, strict=True)):
+        check = (*(at + d), np.nan)
+        network.add_point(f"P{i}", (*at, 0.0), fixed="z", sigma=(0.01, 0.01, np.inf), check=check)
+    return fga.adjust(network)
+
+
+def test_noise_of_check_points_is_estimated_or_demanded() -> None:
+    solution = _known_checks(0.015)
+    found = point_corrections(solution, use="check")
+    estimate = found.estimates[0]
+    assert estimate is not None and found.estimates[1] is None
+    own = found.collocation
+    assert float(estimate.noise) == pytest.approx(0.015, rel=0.3)
+    assert own.sigma0 == pytest.approx(1.0, abs=1e-3) and own.redundancy_numbers.min() > 0.05
+    assert found.remarks == () and found.components == ("east", "north")
+    with pytest.raises(fga.InputError, match="no σ of check coordinates is known: state the noise"):
+        point_corrections(solution, use="check", covariance=SIGNAL)
+
+
+def test_sigmas_in_a_wrong_unit_are_told_or_refused() -> None:
+    solution = _known_checks(0.008)
+    stated = fga.CovarianceFunction("gaussian", 1e3 * SIGNAL.sigma, SIGNAL.length)
+    for function, noise in ((stated, 0.008), (SIGNAL, 8.0)):
+        wrong = point_corrections(solution, use="check", covariance=function, noise=noise)
+        assert any("where 1 is expected" in r and "in metres" in r for r in wrong.remarks)
+    right = point_corrections(solution, use="check", covariance=SIGNAL, noise=0.008)
+    assert right.remarks == ()
+    with pytest.raises(fga.InputError, match="plan: the stated noise, 8 m, is far larger than"):
+        point_corrections(solution, use="check", noise=8.0)
