@@ -42,7 +42,7 @@ class Scale:
     size: float
     """Size of ``small`` in the unit of the solution (SI, or image units)."""
     image: bool = False
-    """Whether values are image coordinates, which the solution has in ``unit``."""
+    """Whether values are in units of a camera, which the solution has in ``unit``."""
     y_down: bool = False
     """Whether y of image coordinates is shown downwards, as in the files of its camera."""
 
@@ -189,26 +189,31 @@ class ReportRows:
     def __len__(self) -> int:
         return self.equations.n_rows
 
-    def scale(self, block: Block, photo: int | None = None) -> Scale:
-        """Return the units of a block; image coordinates have the unit of their camera."""
-        if block.image:
-            return self._scales[self.network.photos[self._photos[photo or 0]].camera]
-        return observation_scale(block.unit, self.units)
+    def scale(self, block: Block, i: int = 0) -> Scale:
+        """Return the units of observation i of a block; in an image, those of its camera."""
+        of = _calibrations(block)
+        return observation_scale(block.unit, self.units) if of is None else self._scales[of[i]]
 
     @cached_property
-    def _scales(self) -> dict[str, Scale]:
-        """The units of image coordinates, by camera."""
-        return {name: image_scale(c) for name, c in self.network.cameras.items()}
+    def _scales(self) -> list[Scale]:
+        """The units of image coordinates, by number of the calibration."""
+        return [image_scale(c) for c in self._cameras]
+
+    @cached_property
+    def _cameras(self) -> list[Camera]:
+        """The cameras, by number of the calibration."""
+        names = self.equations.unknowns["calibration"].names
+        return [camera_of_calibration(self.network, name) for name in names]
 
     def signs(self) -> Array:
         """Return the sign of every row, (n_rows,), as `Row.sign`."""
         out = np.ones(len(self))
-        cameras = [self.network.cameras[f.camera] for f in self.network.photos.values()]
-        down = np.array([c.y_down_in_files for c in cameras], dtype=bool)
         for block in self.equations.blocks:
-            if block.image:
-                own = _numbers(block)[down[block.variables[0][1]]]
-                out[own[:, block.components.index("y")]] = -1.0
+            of = _calibrations(block)
+            if of is not None:
+                down = np.array([c.y_down_in_files for c in self._cameras], dtype=bool)
+                along_y = [c == "y" for c in block.components]
+                out[_numbers(block)[down[of]][:, along_y]] = -1.0
             elif _calibrates(block):
                 out[block.rows] = [row.sign for row in self._of_block(block, range(block.n))]
         return out
@@ -251,7 +256,6 @@ class ReportRows:
             v = np.concatenate([p[1].ravel() for p in parts])
             sigma = np.concatenate([p[2].ravel() for p in parts])
             block, rows = parts[0][0], parts[0][3]
-            photo = int(block.variables[0][1][np.argmax(rows)]) if block.image else None
             norm = v / sigma
             out.append(
                 RowGroup(
@@ -262,7 +266,7 @@ class ReportRows:
                     float(np.sqrt(np.mean(v**2))),
                     float(np.sqrt(np.mean(norm**2))),
                     float(np.max(np.abs(norm))),
-                    self.scale(block, photo),
+                    self.scale(block, int(np.argmax(rows))),
                 )
             )
         return out
@@ -270,12 +274,12 @@ class ReportRows:
     def _labels(self, block: Block) -> Array:
         """Return the group of each observation of a block."""
         name = kind_name(block.kind, weighted=block.prior)
-        if not block.image or len(self.network.cameras) == 1:
+        of = _calibrations(block)
+        if of is None or len(self.network.cameras) == 1:
             return np.full(block.n, name)
         by = "name" if len(self.network.cameras) <= MAX_CAMERAS_GROUPED_APART else "unit"
-        cameras = [self.network.cameras[f.camera] for f in self.network.photos.values()]
-        labels = np.array([f"image, {getattr(c, by)}" for c in cameras])
-        return np.asarray(labels[block.variables[0][1]])
+        labels = np.array([f"{name}, {getattr(c, by)}" for c in self._cameras])
+        return np.asarray(labels[of])
 
     def _of_block(self, block: Block, rows: Sequence[int]) -> Iterator[Row]:
         if isinstance(block.ids, ImageIds):
@@ -293,14 +297,14 @@ class ReportRows:
                     of_frame = next(iter(observation.frames()), "")
                     of_photo = next(iter(observation.photos()), "")
                     source = observation.source or ""
-            scale = self.scale(block)
+            scale = self.scale(block, i)
             turned = self._turned(block, i)
             for c in range(d):
                 row = first + i * d + c
                 component = block.component(i, c)
                 sign = scale.sign(component)
                 if _calibrates(block):
-                    sign = self._camera(int(block.variables[0][1][i])).sign_in_files(component)
+                    sign = self._cameras[block.variables[0][1][i]].sign_in_files(component)
                 yield Row(
                     row,
                     ident,
@@ -337,7 +341,7 @@ class ReportRows:
         )
         for i, photo, point, numbers, values, residuals, sigmas in every:
             names = (self._photos[photo], self._points[point])
-            scale, ident, source = self.scale(block, photo), str(ids[i]), ids.source(i)
+            scale, ident, source = self.scale(block, i), str(ids[i]), ids.source(i)
             for c in range(d):
                 component = block.component(i, c)
                 sign = scale.sign(component)
@@ -364,11 +368,6 @@ class ReportRows:
             return None
         v = self._residuals[block.first_row + i * block.dimension + np.arange(block.dimension)]
         return np.asarray(block.select(np.array([i])).moved(v[None])[0])
-
-    def _camera(self, calibration: int) -> Camera:
-        """Return the camera of a calibration, by number."""
-        name = self.equations.unknowns["calibration"].names[calibration]
-        return camera_of_calibration(self.network, name)
 
 
 def identity_columns(rows: Sequence[Row]) -> dict[str, list[str]]:
@@ -432,6 +431,13 @@ def kind_name(kind: str, *, weighted: bool = False) -> str:
 def _calibrates(block: Block) -> bool:
     """Return whether the rows are given values of calibration parameters."""
     return block.prior and block.variables[0][0] == "calibration"
+
+
+def _calibrations(block: Block) -> Index | None:
+    """Return the calibrations (n,) whose cameras state the units; None: values in other units."""
+    if block.prior or block.unit != "image":
+        return None
+    return dict(block.variables).get("calibration")
 
 
 def _numbers(block: Block) -> Index:

@@ -18,7 +18,6 @@ from ..incremental.arrival import Arrival, Waiting
 from ..io.numbers import Units, write_quantity
 from ..ledger.verdicts import Gain, Verdict
 from ..observations import ImagePoint, observation_kind
-from ..observations.registry import in_image_table
 from ..quality.causes.cause_search import Causes
 from ..quality.rejections import Rejected, Snooping, Unresolved
 from ..quality.reliability import Reliability
@@ -149,14 +148,15 @@ class Answers:
 
     def _scale(self, v: Verdict | Rejected | Unresolved) -> Scale:
         """Return the units of an observation."""
-        if in_image_table(v.kind):
-            network = self.adjustment.described
+        network = self.adjustment.described
+        unit = observation_kind(v.kind).unit
+        if unit == "image" and network.cameras:
             scales = {image_scale(c) for c in network.cameras.values()}
             if len(scales) > 1:  # looking up an image point takes longer than its verdict
                 photo = cast(ImagePoint, self.adjustment.observation(v.id)).photo
                 scales = {image_scale(network.cameras[network.photos[photo].camera])}
             return scales.pop()
-        return observation_scale(observation_kind(v.kind).unit, self.units)
+        return observation_scale(unit, self.units)
 
     def gain(self, g: Gain) -> Answer:
         """Return σ of a point before and after an observation."""

@@ -21,8 +21,10 @@ from factorgraph_adj.report.options import Provenance
 from factorgraph_adj.report.plots import plot_photo_residuals
 from factorgraph_adj.report.result_files import write_tables
 from factorgraph_adj.report.text import text_report
+from factorgraph_adj.simulation.measurement import measure
 from tests.networks.small_block import blundered, small_block
 from tests.support.printed import row
+from tests.support.scatter import NETWORKS
 from tests.support.shifted import shift_image
 
 Files = dict[str, str]
@@ -189,3 +191,28 @@ def test_a_project_is_written_with_its_direction_of_y(tmp_path):
     assert again.cameras == network.cameras
     assert again.images.columns()[2].tolist() == network.images.columns()[2].tolist()
     assert network_files(again) == network_files(network)
+
+
+@pytest.mark.parametrize("kind", ["fiducial_mark", "image_through_port"])
+def test_what_is_observed_in_an_image_has_unit_and_y_of_its_camera(kind, tmp_path):
+    network = measure(NETWORKS[kind](), seed=3).copy()
+    by_direction = []
+    for turn in (lambda n: n, down):
+        report = Report(adjust(turn(network.copy())))
+        write_tables(report, tmp_path)
+        rows = list(csv.DictReader(io.StringIO((tmp_path / "observations.csv").read_text())))
+        by_direction.append([r for r in rows if r["kind"] == kind])
+        assert {r["unit"] for r in by_direction[-1]} == {"mm"}
+        every = report.rows.all()
+        assert report.rows.signs().tolist() == [r.sign for r in every]
+        groups = {g.label: g.scale.small for g in report.rows.groups()}
+        assert groups[kind.replace("_", " ")] == "um"
+    compared = 0
+    for up, turned in zip(*by_direction, strict=True):
+        for name in SIGNED["observations.csv"]:
+            if up.get(name):
+                sign = -1 if up["component"] == "y" else 1
+                assert float(turned[name]) == sign * float(up[name]), name
+                compared += 1
+        assert up["sigma"] == turned["sigma"]
+    assert compared > 100
