@@ -23,7 +23,7 @@ import numpy as np
 
 from ..adjustment import adjust
 from ..errors import InputError, refuse_other_types, taking
-from ..models.grid_lens import GridLens
+from ..models.grid_lens import GridLens, y_is_time
 from ..network.network import Network
 from ..result_display import Shown
 from ..solve.solution import Solution
@@ -111,6 +111,9 @@ def image_corrections(
         alpha: probability with which the test finds a signal where there is none. A camera without
             a signal keeps its lens.
 
+    Cameras whose lens takes no grid, or whose y is a time (lens ``line``), keep their lens, and a
+    remark says so.
+
     Raises:
         InputError: there are no image points, or a number is too small.
     """
@@ -131,6 +134,12 @@ def image_corrections(
             continue
         if camera.lens.takes != "tangents":
             remarks.append(f"camera {name!r}: its lens {camera.lens.kind!r} takes no grid")
+            continue
+        if y_is_time(camera.lens):
+            remarks.append(
+                f"camera {name!r}: y of its lens {camera.lens.kind!r} is the time of a line of the "
+                "image, on which corrections of a grid have no effect"
+            )
             continue
         corners = camera.corners() or (xy[on].min(axis=0), xy[on].max(axis=0))
         lens = camera.lens if isinstance(camera.lens, GridLens) else None

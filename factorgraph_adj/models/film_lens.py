@@ -140,7 +140,7 @@ class FilmLens(Lens):
             directions: directions of the rows, anticlockwise from x, radians.
             between: how the table goes on between the angles.
         """
-        mean = np.mean(np.atleast_2d(np.array(radial, dtype=float)), axis=0) if radial else 0.0
+        mean = np.mean(np.atleast_2d(np.array(radial, dtype=float)), axis=0) if len(radial) else 0.0
         radii = c * np.tan(np.array(angles, dtype=float)) + mean
         tables = [tuple(tuple(map(float, row)) for row in t) for t in (radial, tangential)]
         at = tuple(radii.tolist())

@@ -27,6 +27,7 @@ import numpy as np
 from ..errors import InputError, Problem
 from ..types import Array, Index
 from .lens import Lens, LensPartials, Pair
+from .scanner_lens import LineLens
 
 
 @dataclass(frozen=True)
@@ -34,8 +35,8 @@ class GridLens(Lens):
     """Correction grid before another lens model of tangents, measured → ideal.
 
     Raises:
-        InputError: nodes do not increase, tables have other sizes, a value is not finite, or the
-            lens behind the grid takes rays or places.
+        InputError: nodes do not increase, tables have other sizes, a value is not finite, the lens
+            behind the grid takes rays or places, or its y is time and is to be corrected.
     """
 
     kind: ClassVar[str] = "grid"
@@ -57,6 +58,12 @@ class GridLens(Lens):
         problems = []
         if self.base.takes != "tangents" or isinstance(self.base, GridLens):
             what = f"the lens behind a grid must be a model of tangents, not {self.base.kind!r}"
+            problems.append(Problem(what))
+        elif y_is_time(self.base) and (self.modes or np.any([v for row in self.dy for v in row])):
+            what = (
+                f"y of the lens {self.base.kind!r} is the time of a line of the image, so that "
+                "corrections dy have no effect: give dx alone, and no modes"
+            )
             problems.append(Problem(what))
         for name, nodes in (("x", self.x), ("y", self.y)):
             if len(nodes) == 1 or not (np.isfinite(nodes).all() and (np.diff(nodes) > 0).all()):
@@ -142,6 +149,11 @@ class GridLens(Lens):
     @cached_property
     def _modes(self) -> Array:
         return np.array(self.modes).reshape(len(self.modes), len(self.y), len(self.x))
+
+
+def y_is_time(lens: Lens) -> bool:
+    """Return whether the measured y of image points is a time alone, on which no ray depends."""
+    return isinstance(lens.base if isinstance(lens, GridLens) else lens, LineLens)
 
 
 def _cell(nodes: Array, at: Array) -> tuple[Index, Array]:

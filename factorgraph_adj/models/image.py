@@ -14,8 +14,8 @@ its ray is r = (t_x, −t_y, 1), and its distance from the imaged line is
     v = c nᵀr / √(n_x² + n_y²)        (image units)
 
 in the plane of ideal coordinates. Lens models of rays have no such plane: r is then a unit vector
-and v = c nᵀr/|n|, c times the sine of the angle to the plane of the line. As in the lens models
-from measured to ideal coordinates, σ is that of measured coordinates.
+and v = c nᵀr/|n|, c times the sine of the angle to the plane of the line. σ is that of
+ideal coordinates, even with lens models whose residuals of points are in measured ones.
 (FRAMES F17.4; MMVII AdjLine3D.)
 """
 

@@ -249,4 +249,5 @@ class ImageLine(Condition):
     """Distance of the measured point from the line, unit of the camera."""
     _: KW_ONLY
     sigma: float
-    """Standard deviation of the measured point across the line, unit of the camera."""
+    """Standard deviation of the corrected point across the line, unit of the camera: for lens
+    models from measured to ideal coordinates the distance is in the plane of ideal ones."""

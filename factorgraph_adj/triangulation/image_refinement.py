@@ -22,10 +22,12 @@ from ..frames import LocalFrame
 from ..graph.blocks import Block
 from ..graph.equations import Equations, compile_rows
 from ..graph.variables import State
+from ..models.grid_lens import y_is_time
 from ..models.image_refraction import Atmosphere, RefractionModel, in_map_plane, ray_refraction
 from ..models.inverse_lens import directions
 from ..models.lens import Lens
 from ..network.network import Network
+from ..observations.refracted_images import THROUGH_INTERFACE
 from ..result_display import Rows, Shown
 from ..solve.solution import Solution
 from ..start.approximate_values import approximate
@@ -33,7 +35,7 @@ from ..types import Array, Mask
 
 REFRACTION, CURVATURE = "refraction", "curvature"
 """Causes of corrections."""
-STEPS = 10
+STEPS = 50
 """Largest number of steps from a ray to its image coordinates."""
 STEP_TOLERANCE = 1e-9
 """Change of image coordinates at which these steps end, part of the principal distance."""
@@ -107,14 +109,20 @@ def refine_images(
         geoid: height of the geoid above the ellipsoid, metres, to be taken from heights of
             geocentric and topocentric frames for heights above sea level.
 
+    Image points are refined. Observations `FiducialMark` need no refinement, as their rays end in
+    the camera; measured points of lines, `ImageLine`, stay as they were measured.
+
     Raises:
-        InputError: no correction is asked for, the frame needs no curvature, a point is not below
-            its camera, or ``solution`` lacks a photo or a point; image points are named.
+        InputError: no correction is asked for, the frame needs no curvature, a lens has no rays
+            from one centre or a time as y (``line``), image points are seen through an interface
+            already (`Network.refract_images`), a point is not below its camera, a turned ray has no
+            image, or ``solution`` lacks a photo or a point; image points are named.
     """
     if refraction is None and not curvature:
         raise InputError("nothing to correct: state a model of refraction, or curvature")
     if curvature:
         _refuse_curved(network)
+    _refuse_what_has_no_refined_images(network)
     equations = compile_rows(network)
     state = approximate(equations) if solution is None else _carried(equations, solution)
     photo, point, xy, _ = network.images.columns()
@@ -128,20 +136,24 @@ def refine_images(
         (_, photos), _, (_, points), *_ = block.variables
         rows = np.array([row_of[f"{f}/{p}"] for f, p in zip(photos, points, strict=True)])
         rays = _Rays.of(network, block, state, geoid)
-        problems += rays.problems(block)
-        if problems:
+        if too_low := rays.problems(block):
+            problems += too_low
             continue
         angle = rays.angle
         if refraction is not None:
             angle = angle - ray_refraction(
                 angle, rays.camera, rays.ground, model=refraction, atmosphere=atmosphere
             )
-            corrections[REFRACTION][rows] = rays.image(angle) - block.observed
+            refracted, lost = rays.image(angle, block)
+            problems += lost
+            corrections[REFRACTION][rows] = refracted - block.observed
         if curvature:
-            before = rays.image(angle)
+            before, lost = rays.image(angle, block)
             radius = network.frame.radius
             angle = in_map_plane(angle, rays.camera, rays.ground, radius)
-            corrections[CURVATURE][rows] = rays.image(angle) - before
+            after, also_lost = rays.image(angle, block)
+            problems += lost or also_lost
+            corrections[CURVATURE][rows] = after - before
     if problems:
         raise InputError(problems)
     out = network.copy()
@@ -170,6 +182,33 @@ def _refuse_curved(network: Network) -> None:
         f"{why}, so that a correction of images for it would count it twice; it is for map planes "
         "in a flat local frame"
     )
+
+
+def _refuse_what_has_no_refined_images(network: Network) -> None:
+    """Refuse lenses without rays of measured coordinates, and images through an interface."""
+    problems = []
+    cameras = [f.camera for f in network.photos.values()]
+    for name in dict.fromkeys(cameras[i] for i in np.unique(network.images.columns()[0]).tolist()):
+        lens = network.cameras[name].lens
+        if lens.takes == "places":
+            why = f"the lens model {lens.kind!r} has no rays from one centre"
+        elif y_is_time(lens):
+            why = (
+                f"y of the lens {lens.kind!r} is the time of a line of the image, which a "
+                "correction would change, and not the ray: its images cannot be refined"
+            )
+        else:
+            continue
+        problems.append(Problem(why, f"camera {name!r}"))
+    for o in network.observations.values():
+        if o.record.quantity == THROUGH_INTERFACE:
+            why = (
+                "it is seen through an interface already: refine the image points first, and "
+                "take them as seen through the interface (refract_images) then"
+            )
+            problems.append(Problem(why, o.label()))
+    if problems:
+        raise InputError(problems)
 
 
 def _carried(equations: Equations, solution: Solution) -> State:
@@ -213,8 +252,6 @@ class _Rays:
     def of(cls, network: Network, block: Block, state: State, geoid: float) -> _Rays:
         """Return the rays of a block."""
         assert block.lens is not None
-        if block.lens.takes == "places":
-            raise InputError(f"the lens model {block.lens.kind!r} has no rays from one centre")
         (_, photos), (_, cameras), (_, points), *_ = block.variables
         k = state["calibration"][cameras, : len(block.lens.names)]
         pose = state["pose"][photos]
@@ -242,22 +279,27 @@ class _Rays:
             for i in wrong.tolist()
         ]
 
-    def image(self, angle: Array) -> Array:
+    def image(self, angle: Array, block: Block) -> tuple[Array, list[Problem]]:
         """Return the image coordinates (n, 2) of the rays with other nadir angles (n,).
 
         v vanishes at the coordinates of a ray, and changes by −1 with them, nearly so for lens
-        models from measured to ideal coordinates.
+        models from measured to ideal coordinates. Image points for which it does not vanish are
+        named.
         """
         ray = np.sin(angle)[:, None] * self.ahead - np.cos(angle)[:, None] * self.up
         p = ray[:, 0], ray[:, 1], ray[:, 2]
-        xy = self.observed
+        xy, limit = self.observed, STEP_TOLERANCE * self.calibration[:, 0]
+        going = np.ones(len(xy), dtype=bool)
         for _ in range(STEPS):
-            v = self.lens.seen(p, xy[:, 0], xy[:, 1], self.calibration, jacobians=False).v
+            with np.errstate(over="ignore", invalid="ignore"):  # of steps that lead away
+                v = self.lens.seen(p, xy[:, 0], xy[:, 1], self.calibration, jacobians=False).v
             step = np.stack(v, axis=1)
             xy = xy + step
-            if np.abs(step).max(initial=0.0) < STEP_TOLERANCE * self.calibration[:, 0].max():
+            going = ~(np.abs(step).max(axis=1) < limit)
+            if not going.any():
                 break
-        return xy
+        what = "the corrected ray has no image that its lens model and parameters give"
+        return xy, [Problem(what, block.labels(i)) for i in np.flatnonzero(going).tolist()]
 
 
 def _heights(network: Network, at: Array, geoid: float) -> Array:

@@ -15,6 +15,7 @@ from factorgraph_adj.collocation.image_corrections import corrected_bundle, imag
 from factorgraph_adj.collocation.signal_variables import with_image_signals
 from factorgraph_adj.models.grid_lens import GridLens
 from factorgraph_adj.models.lens import Lens
+from factorgraph_adj.models.scanner_lens import LineLens
 from factorgraph_adj.solve.solution import Solution
 
 
@@ -64,6 +65,20 @@ def test_a_block_without_systematic_errors_keeps_its_lens() -> None:
     assert not found.cameras
     assert "no signal" in found.remarks[0]
     assert found.applied(clean).cameras == clean.cameras
+
+
+def test_the_image_of_a_scanner_whose_y_is_time_keeps_its_lens() -> None:
+    network = fga.Network("a line scanner")
+    readout = {"readout": 100.0, "readout_towards": "down", "format": (120.0, 1000.0)}
+    network.add_camera("line", LineLens(), {"c": 100.0}, **readout)
+    network.add_photo("f", "line", position=(0, 0, 3000.0), omega_phi_kappa=(0, 0, 0), fixed=True)
+    x = np.linspace(-50.0, 50.0, 5)
+    for i, at in enumerate(x.tolist()):
+        network.add_point(f"P{i}", (30.0 * at, 0.0, 0.0), fixed="xyz" if i else "yz")
+    network.add_image_points("f", list(network.points), np.stack([x, 0 * x], 1), sigma=0.01)
+    found = image_corrections(fga.adjust(network))
+    assert not found.cameras
+    assert "y of its lens 'line' is the time" in found.remarks[0]
 
 
 def test_signals_of_images_are_the_collocation_of_residuals_where_all_else_is_known() -> None:

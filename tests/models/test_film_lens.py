@@ -74,6 +74,7 @@ def test_a_table_by_angles_belongs_to_its_principal_distance():
     ideal = C * np.tan(angles)
     seen = np.linalg.norm(image_of(lens, around(ideal)), axis=1)
     np.testing.assert_allclose(seen - ideal, distortion, rtol=0, atol=1e-12)
+    assert FilmLens.of_angles(C, angles, distortion[None]) == lens
 
 
 def test_half_diagonals_and_tangential_distortion():

@@ -9,9 +9,10 @@ import pytest
 from scipy.interpolate import RegularGridInterpolator
 
 import factorgraph_adj as fga
-from factorgraph_adj.models.grid_lens import GridLens
+from factorgraph_adj.models.grid_lens import GridLens, y_is_time
 from factorgraph_adj.models.lens import BrownLens, HarmonicLens, Lens
 from factorgraph_adj.models.ray_lens import FisheyeLens
+from factorgraph_adj.models.scanner_lens import LineLens
 from tests.networks.every_kind import LENSES_USED
 
 
@@ -86,3 +87,12 @@ def test_what_is_wrong_is_said(tmp_path: Path) -> None:
         path.write_text(text.replace(old, new, 1), encoding="utf-8")
         with pytest.raises(fga.InputError, match=said):
             fga.read_project(path)
+
+
+def test_a_grid_cannot_correct_a_time() -> None:
+    nodes, zero, one = (0.0, 1.0), ((0.0, 0.0),) * 2, ((0.0, 0.1),) * 2
+    along = GridLens(LineLens(), nodes, nodes, one, zero)
+    assert y_is_time(along) and not y_is_time(GridLens())
+    for dy, modes in ((one, ()), (zero, ((1.0,) * 4,))):
+        with pytest.raises(fga.InputError, match="is the time of a line of the image"):
+            GridLens(LineLens(), nodes, nodes, one, dy, modes)

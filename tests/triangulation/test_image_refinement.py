@@ -9,6 +9,7 @@ import factorgraph_adj as fga
 from factorgraph_adj.atmosphere import standard_pressure
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.frames import MEAN_EARTH_RADIUS
+from factorgraph_adj.models.grid_lens import GridLens
 from factorgraph_adj.models.image_refraction import (
     Atmosphere,
     in_map_plane,
@@ -17,6 +18,7 @@ from factorgraph_adj.models.image_refraction import (
     refraction_constant,
 )
 from factorgraph_adj.models.lens import NoDistortion
+from factorgraph_adj.models.scanner_lens import LineLens
 from factorgraph_adj.triangulation.image_refinement import refine_images
 
 TABLE = {  # H, h in km; K in 10⁻⁶ rad
@@ -173,6 +175,54 @@ def test_points_that_are_not_below_are_named():
     with pytest.raises(InputError, match=r"below the camera.*7000\.0 m") as error:
         refine_images(network)
     assert "image F high" in str(error.value)
+
+
+@pytest.mark.parametrize("lens", [LineLens(), GridLens(LineLens())])
+def test_images_whose_y_is_time_are_refused(lens):
+    network, _ = curved_block(0.0)
+    network.add_camera("spare", lens, {"c": 100.0})
+    assert refine_images(network).sum.any(), "no image point is of the camera"
+    del network.cameras["C"]
+    network.add_camera("C", lens, {"c": 10_000.0}, unit="px")
+    with pytest.raises(InputError, match="is the time of a line of the image") as error:
+        refine_images(network)
+    assert "camera 'C'" in str(error.value)
+
+
+@pytest.mark.parametrize("joint", [False, True])
+def test_images_seen_through_water_are_to_be_refined_before(joint):
+    network, _ = curved_block(0.0)
+    if joint:
+        points = [fga.ImagePoint("F", f"P{i}", 5.0 * i, 9.0, sigma=1.0) for i in range(2)]
+        network.image_mask(network.images.columns()[1] >= 2)
+        network.add(fga.Correlated(tuple(points), np.eye(4) + 0.1))
+    refined = refine_images(network)
+    network.set_level("lake", 500.0)
+    network.set_refractive_index("water", fixed=True)
+    through = {"medium": "water", "level": "lake", "points": ["P0", "P1"]}
+    refined.network.set_level("lake", 500.0)
+    refined.network.set_refractive_index("water", fixed=True)
+    assert len(refined.network.refract_images(**through)) == 2
+    network.refract_images(**through)
+    with pytest.raises(InputError, match="refine the image points first") as error:
+        refine_images(network)
+    assert len(error.value.problems) == 2
+    assert "P0" in str(error.value) and "P1" in str(error.value)
+
+
+def test_image_points_whose_corrected_ray_has_no_image_are_named():
+    """With ideal residuals the steps alternate and grow where B > 2: at r > 5773 px."""
+    network = fga.Network("strong distortion")
+    lens = fga.BrownLens(residuals="ideal")
+    network.add_camera("C", lens, {"c": 10_000.0, "k1": 1e-8}, unit="px")
+    network.add_photo("F", "C", position=(0, 0, 6000.0), omega_phi_kappa=(0, 0, 0), fixed=True)
+    for name, x in (("near", 3000.0), ("far", 7000.0), ("farther", -7500.0)):
+        ideal = x * (1.0 + 1e-8 * x**2)
+        network.add_point(name, (0.6 * ideal, 0.0, 0.0), fixed="xyz")
+        network.add(fga.ImagePoint("F", name, x, 0.0, sigma=1.0))
+    with pytest.raises(InputError, match="has no image that") as error:
+        refine_images(network)
+    assert [p.where for p in error.value.problems] == ["image F far", "image F farther"]
 
 
 @pytest.mark.parametrize(
