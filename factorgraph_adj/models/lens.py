@@ -68,8 +68,8 @@ class Lens:
     the camera; models of rays have images of points at 90° to the axis and behind it, too; models
     of places have no projection centre, see `place_lens`."""
     given: ClassVar[tuple[str, ...]] = ()
-    """Parameters that come with an image in large numbers: text and page of a report leave them out
-    where they are held."""
+    """Parameters that come with an image in large numbers: none may be left out where they are
+    stated by name; text and page of a report leave them out where they are held."""
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -187,6 +187,13 @@ class RpcLens(PlaceLens):
         raise InputError(f"{what}, which knows latitude, longitude and height")
 
 
+def normalised_plan(place: Array, calibration: Array) -> Array:
+    """Return L and P of geocentric places (n, 3): within about ±1 the coefficients hold, (n, 2)."""
+    latitude, longitude, height = _WGS84.ellipsoid.to_geodetic(place)
+    at = np.stack([longitude * DEGREES, latitude * DEGREES, height])
+    return _normalised(at, _normalisation(calibration))[:2].T
+
+
 def _normalisation(k: Array) -> dict[str, Array]:
     """Return offsets and scales by name, (n,) or (1,) each."""
     first = len(BIAS)

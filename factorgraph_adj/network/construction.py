@@ -94,6 +94,9 @@ def checked_camera(
                 where,
             )
         )
+    if isinstance(values, Mapping) and (missing := [n for n in lens.given if n not in values]):
+        what = f"lens model {lens.kind!r} needs {known(missing)}: they come with the image"
+        raise InputError(Problem(what, where))
     given = [values.get(n, 0.0) for n in names] if isinstance(values, Mapping) else values
     try:
         numbers = [float(v) for v in given]

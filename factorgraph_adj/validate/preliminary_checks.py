@@ -15,8 +15,10 @@ from .repeated_readings import differing_repetitions
 from .stated_values import (
     contradicting_surfaces,
     differing_heights,
+    doubtful_distortion_tables,
     exchanged_heights,
     intervals_without_readout,
+    places_beyond_coefficients,
     places_beyond_tables,
 )
 from .traverse_misclosures import open_traverses
@@ -65,7 +67,8 @@ def preliminary(network: Network, *, length: str = "m", angle: str = "gon") -> t
     frames; distances measured several times, height differences forth and back; readings that are
     there twice; angles beyond the circle, and zenith angles that are level in another unit; heights
     of instruments within a set-up; intervals of motions without a readout time; image points beyond
-    the table of distortions of their lens; stated heights of surfaces, points behind cameras,
+    the table of distortions of their lens, tables in another unit than the image, points far
+    outside the range of rational polynomials; stated heights of surfaces, points behind cameras,
     units, signs, frames, axes and rotations against given
     coordinates; points that these leave undetermined, or at either of two places. Nothing is
     changed.
@@ -94,7 +97,9 @@ def preliminary(network: Network, *, length: str = "m", angle: str = "gon") -> t
         *differing_repetitions(network),
         *(() if turned else differing_heights(network)),
         *intervals_without_readout(network),
+        *doubtful_distortion_tables(equations),
         *places_beyond_tables(equations),
+        *places_beyond_coefficients(equations),
         *open_loops(equations),
         *(() if compared else lines_between_given(equations)),
         *open_traverses(network),

@@ -7,7 +7,8 @@ puts the surface −v/J higher. The median over its points is compared with the 
 the stated height, and with how well the points agree with one another.
 
 Intervals of motions in seconds are wrong where 1 s stands for an unknown readout time. A table of
-distortions says nothing beyond its last radius.
+distortions says nothing beyond its last radius, and rational polynomials nothing far outside their
+range.
 
 Lengths of levelled lines may contradict the places of their ends: metres for kilometres. Where the
 places of the ends are not known, other lines bound their distance: the ends of a line lie no
@@ -25,12 +26,14 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from ..errors import InputError, known
+from ..frames import GeocentricFrame, TopocentricFrame
 from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..graph.variables import State
 from ..models.film_lens import FilmLens
 from ..models.inverse_lens import tangents
 from ..models.rolling_shutter import UNKNOWN_READOUT
+from ..models.rpc_lens import RpcLens, normalised_plan
 from ..models.unknown import UnknownKind
 from ..models.unknown_registry import UNKNOWNS
 from ..network.network import Network
@@ -333,6 +336,67 @@ def intervals_without_readout(network: Network) -> Iterator[Finding]:
                 "state the true readout time if the intervals are in seconds",
                 ids=tuple(ids),
             )
+
+
+def doubtful_distortion_tables(equations: Equations) -> Iterator[Finding]:
+    """Yield cameras whose table of distortions, or its unit of length, is not that of a lens."""
+    calibrations = equations.unknowns["calibration"].values
+    reach: dict[FilmLens, float] = {}
+    for block in equations.blocks:
+        lens = block.lens
+        if isinstance(lens, FilmLens) and lens.radii and len(block.observed):
+            at = block.observed - calibrations[block.variables[1][1], 1:3]
+            far = lens.pixel * float(np.linalg.norm(at, axis=1).max())
+            reach[lens] = max(far, reach.get(lens, 0.0))
+    for lens, far in reach.items():
+        cameras = [repr(n) for n, c in equations.network.cameras.items() if c.lens == lens]
+        radii, radial = np.array(lens.radii), np.atleast_2d(np.array(lens.radial or 0.0))
+        found = []
+        if np.abs(radial).max() > MAX_DISTORTION_SHARE * radii[-1]:
+            found.append(f"has distortions of up to {np.abs(radial).max():g}")
+        if np.any(np.diff(radii - radial, axis=1) <= 0):
+            found.append("has the same image at several distances from the principal point")
+        if radii[-1] > FAR_RADII * far > 0:
+            found.append(f"goes far beyond the image, in which points are within {far:.4g}")
+        if found:
+            yield Finding(
+                f"camera {known(cameras)}: the table of distortions, to radius {radii[-1]:g}, "
+                f"{' and '.join(found)}",
+                "state pixel, radii and distortions in one unit of length on the film",
+            )
+
+
+def places_beyond_coefficients(equations: Equations) -> Iterator[Finding]:
+    """Yield cameras with points far outside the range of their rational polynomials."""
+    network, unknowns = equations.network, equations.unknowns
+    if not isinstance(network.frame, GeocentricFrame | TopocentricFrame):
+        return
+    given = unknowns["point"].values
+    for block in equations.blocks:
+        if not isinstance(block.lens, RpcLens):
+            continue
+        number = dict(block.variables)["point"]
+        at = given[number]
+        on = np.flatnonzero(np.isfinite(at).all(axis=1))
+        if isinstance(network.frame, TopocentricFrame):
+            at = network.frame.to_geocentric(at)
+        k = unknowns["calibration"].values[np.asarray(block.variables[1][1])]
+        far = on[np.abs(normalised_plan(at[on], k[on])).max(axis=1, initial=0.0) > FAR_NORMALISED]
+        if len(far):
+            yield Finding(
+                f"{len(far)} points lie far outside the range of the rational polynomials of their "
+                f"images, first {block.labels(int(far[0]))}",
+                "look whether latitude and longitude are exchanged, in points or coefficients",
+                ids=tuple(str(block.ids[i]) for i in far[:MOST_NAMED].tolist()),
+            )
+
+
+MAX_DISTORTION_SHARE = 0.02
+"""Radial distortion relative to the largest radius from which a table is doubted."""
+FAR_RADII = 10.0
+"""Largest radius of a table relative to that of image points from which its unit is doubted."""
+FAR_NORMALISED = 1.5
+"""Normalised latitude or longitude from which a point is outside the range of coefficients."""
 
 
 def places_beyond_tables(equations: Equations) -> Iterator[Finding]:

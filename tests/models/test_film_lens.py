@@ -187,3 +187,24 @@ def test_image_points_beyond_the_table_are_told():
     assert len(found) == 1
     assert found[0].ids == ("F/out",)
     assert "1 image points lie beyond" in str(found[0])
+
+
+@pytest.mark.parametrize(
+    ("lens", "says"),
+    [
+        (FilmLens(1.0, (0.0, 25.0, 50.0), ((0.0, -4.0, 7.0),)), "has distortions of up to 7"),
+        (FilmLens(1.0, (0.0, 49.9, 50.0), ((0.0, -0.4, 0.4),)), "the same image at several"),
+        (FilmLens(0.005, (0.0, 50.0), ((0.0, 1e-3),)), "goes far beyond the image"),
+        (FilmLens(1.0, (0.0, 25.0, 50.0), ((0.0, -4e-3, 7e-3),)), None),
+    ],
+)
+def test_tables_in_another_unit_than_the_image_are_told(lens, says):
+    network = fga.Network("table")
+    network.add_camera("C", lens, {"c": C, "x0": 200.0}, free=("x0",))
+    network.add_photo("F", "C", position=(0, 0, 0), omega_phi_kappa=(0, 0, 0), fixed=True)
+    for name, x in (("near", 10.0), ("far", 49.0)):
+        network.add_point(name, (x, 0.0, -C), fixed="xyz")
+        network.add(fga.ImagePoint("F", name, 200.0 + x, 0.0, sigma=0.01))
+    found = [str(f) for f in fga.preliminary(network) if "table of distortions, to" in str(f)]
+    assert len(found) == (says is not None)
+    assert says is None or (says in found[0] and "one unit of length" in found[0])

@@ -10,6 +10,7 @@ import factorgraph_adj as fga
 from factorgraph_adj.frames import GeocentricFrame, LocalFrame, TopocentricFrame
 from factorgraph_adj.models.inverse_lens import sight_lines
 from factorgraph_adj.models.rpc_lens import BIAS, RpcLens
+from factorgraph_adj.quality.causes.cause_search import causes
 from tests.networks.satellites import (
     CONTROL,
     DELIVERED,
@@ -233,3 +234,27 @@ def test_arrivals_in_any_order_end_at_the_adjustment_of_all() -> None:
     inc.settle()
     found = difference(inc.solution(), batch(inc))
     assert max(found.estimates, found.sigmas) < 1e-5
+
+
+def test_missing_coefficients_are_named_and_points_outside_their_range_told() -> None:
+    network, shown = satellites(seed=None)
+    values = {**dict.fromkeys(BIAS, 0.0), "c": 1.0, **fitted(DELIVERED["ahead"])}
+    del values["lat_scale"], values["height_off"]
+    with pytest.raises(fga.InputError, match="needs height_off, lat_scale"):
+        fga.Network("n", frame=GeocentricFrame()).add_camera("a", LENS, values)
+    assert not [f for f in fga.preliminary(network) if "far outside the range" in str(f)]
+    ellipsoid = GeocentricFrame("WGS84").ellipsoid
+    for name, at in zip(list(network.points)[:CONTROL], shown, strict=False):
+        latitude, longitude, height = ellipsoid.to_geodetic(at[None])
+        swapped = ellipsoid.to_cartesian(longitude, latitude, height)[0]
+        network.points[name] = fga.Point(name, tuple(swapped.tolist()), network.points[name].fixed)
+    found = [str(f) for f in fga.preliminary(network) if "far outside the range" in str(f)]
+    assert found and "latitude and longitude are exchanged" in found[0]
+
+
+def test_a_cause_names_the_coefficients_as_such() -> None:
+    network, _ = satellites(free=())
+    found = causes(fga.reliability(fga.adjust(network))).found
+    of_cameras = [c for c in found if "'down'" in c.where and c.cause == "the coefficients"]
+    assert len(of_cameras) == 1 and of_cameras[0].where == "of camera 'down'"
+    assert "line_num" not in str(of_cameras[0]) and "T² " in str(of_cameras[0])

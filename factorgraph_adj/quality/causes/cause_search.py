@@ -23,7 +23,7 @@ from ...solve.solution import Solution
 from ...statistical_tests import chi2_quantile
 from ...types import Array, Index
 from ..reliability import Reliability
-from .evidence import Cause, VarianceFactor, evidence, three_digits
+from .evidence import MOST_COMPONENTS_NAMED, Cause, VarianceFactor, evidence, three_digits
 from .exchanged_images import exchanged_image_points, exchanged_photos
 from .mistaken_axes import mirrored_block, photos_with_other_axes
 from .mistaken_identity import MistakenIdentity, mistaken_identities
@@ -375,6 +375,8 @@ def _of_given(v: GivenValue) -> Cause:
     components = v.components if len(v.components) > 1 else ()
     what = f"the given {', '.join(v.components)}"
     where = f"of {UNKNOWNS[v.kind].noun} {v.name!r}"
+    if len(components) > MOST_COMPONENTS_NAMED:
+        what, where = "the coefficients", where.replace("of calibration of", "of", 1)
     return replace(_cause(what, where, components, v.sizes, v.together, ()), given=v)
 
 

@@ -69,6 +69,9 @@ _QUANTITY_UNITS: dict[ErrorQuantity, tuple[float, str]] = {
     "number": (1.0, ""),
     "curvature": (1.0, ""),
 }
+MOST_COMPONENTS_NAMED = 20
+"""Largest number of components that a cause names; rational polynomials have about a hundred, which
+the table of given values lists."""
 
 
 @dataclass(frozen=True)
@@ -218,8 +221,11 @@ class Cause:
         """Name, quantity, error and σ of each component that the residuals determine.
 
         Of components of a given value that they determine only jointly, each is estimated as if it
-        alone were wrong, which the last element says.
+        alone were wrong, which the last element says. There are none of more components than
+        `MOST_COMPONENTS_NAMED`.
         """
+        if len(self.components) > MOST_COMPONENTS_NAMED:
+            return
         named = zip(self.components or ("",), self.sizes, self.error, self.sigma, strict=False)
         for i, (name, size, error, sigma) in enumerate(named):
             if np.isfinite(error):
