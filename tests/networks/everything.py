@@ -53,7 +53,7 @@ def everything(frame_name: str) -> Network:
         n.add_camera(
             f"camera {i}",
             model(**options),
-            {"c": 100.1 + 1 / 3, "x0": 1e-17, "y0": -0.3},
+            {"c": 100.1 + 1 / 3, "x0": 1e-17, "y0": -0.3, **dict.fromkeys(model.given, 0.0)},
             free=["c"],
             sigma={"x0": 0.01},
             unit="px" if i % 2 else "mm",
