@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import cast
 
 import numpy as np
@@ -16,7 +16,7 @@ from ..types import Array
 from ..units import LENGTH
 from . import numbers
 from .csv_tables import CsvTable, FieldRow
-from .observation_fields import ImageAxes, is_angle, is_in_image, sigma_fields, signs_in_files
+from .observation_fields import ImageAxes, is_angle, is_in_image, sigma_fields
 from .unknowns_tables import check_columns
 
 COVARIANCE_COLUMNS = (
@@ -24,20 +24,26 @@ COVARIANCE_COLUMNS = (
     *(f"covariance_{u}2" for u in LENGTH),
     "covariance_image2",
 )
+IN_IMAGE_UNITS = "covariances of image points are stated as covariance_image2"
 
 
 class CovarianceTable:
     """Clusters of observations from covariances.csv."""
 
-    def __init__(self, table: CsvTable, problems: list[Problem]) -> None:
+    def __init__(
+        self, table: CsvTable, problems: list[Problem], axes_of: Callable[[str], ImageAxes]
+    ) -> None:
         self.table = table
         self.problems = problems
+        self.axes_of = axes_of
         self.members: dict[str, list[str]] = {}
         self.lines: dict[str, int] = {}
         self.entries: dict[str, list[tuple[int, tuple[str, str], tuple[str, str], float]]] = {}
         self.cluster_of: dict[str, str] = {}
         self.of_images: set[str] = set()
         """Clusters of image points."""
+        self.in_image_units: set[str] = set()
+        """Clusters whose covariances are in squares of the unit of images."""
         columns = ("cluster", "id", "component", "id2", "component2")
         valid = check_columns(table, COVARIANCE_COLUMNS, ("cluster", "id", "id2"), problems)
         units = [f"{u}2" for u in LENGTH]
@@ -51,7 +57,7 @@ class CovarianceTable:
             row.of = f"cluster {cluster!r}"
             value = row.number("covariance_image2")
             if value is not None:
-                self.of_images.add(cluster)
+                self.in_image_units.add(cluster)
             else:
                 value = row.quantity("covariance", units)
             if value is None:
@@ -111,13 +117,12 @@ class CovarianceTable:
             signs: signs of x and y of each image point in files, (2n,).
         """
         out = []
-        for cluster in self.members:
-            ids = self.members[cluster]
-            if cluster not in self.of_images:
-                if set(ids) & images.keys():
-                    what = "covariances of image points are stated as covariance_image2"
-                    self.problems.append(Problem(what, self._where(cluster)))
-                    self.of_images.add(cluster)
+        for cluster, ids in self.members.items():
+            if not set(ids) & images.keys():
+                continue
+            self.of_images.add(cluster)
+            if cluster not in self.in_image_units:
+                self.problems.append(Problem(IN_IMAGE_UNITS, self._where(cluster)))
                 continue
             components = {i: ("x", "y") for i in ids if i in images}
             matrix = self._matrix(cluster, components, images)
@@ -134,7 +139,13 @@ class CovarianceTable:
         members = [by_id[n] for n in self.members[cluster] if n in by_id]
         components = {n: _components(by_id[n]) for n in self.members[cluster] if n in by_id}
         matrix = self._matrix(cluster, components, by_id)
-        return list(members) if matrix is None else [Correlated(tuple(members), matrix)]
+        if matrix is None:
+            return list(members)
+        if _in_image_units(members) != (cluster in self.in_image_units):
+            what = "covariance_image2 is of observations in images alone"
+            what = IN_IMAGE_UNITS if _in_image_units(members) else what
+            self.problems.append(Problem(what, self._where(cluster)))
+        return [Correlated(tuple(members), matrix * signs_in_group(members, self.axes_of))]
 
     def _where(self, cluster: str) -> str:
         return f"{self.table.where(self.lines[cluster])}: cluster {cluster!r}"
@@ -199,21 +210,22 @@ def image_correlation(row: FieldRow, axes: ImageAxes) -> float:
 
 def covariance_records(network: Network) -> Iterator[dict[str, str]]:
     """Yield the rows of covariances.csv of the correlated groups of a network."""
-    clusters: list[tuple[list[tuple[str, str]], Array, str]] = [
-        (
-            [(i, c) for i in ids for c in network.observations[i].component_names()],
-            covariance,
-            "covariance_si",
-        )
+
+    def axes_of(photo: str) -> ImageAxes:
+        camera = network.cameras[network.photos[photo].camera]
+        return ImageAxes(camera.unit, camera.y_down_in_files)
+
+    groups = [
+        ([(i, network.observations[i]) for i in ids], covariance)
         for ids, covariance in network.clusters
     ]
-    for group, joint in zip(network.image_groups(), network.images.joint, strict=True):
+    for group in network.image_groups():
         images = cast("tuple[ImagePoint, ...]", group.observations)
-        cameras = [network.cameras[network.photos[o.photo].camera] for o in images]
-        sign = signs_in_files(ImageAxes(c.unit, c.y_down_in_files) for c in cameras)
-        named = [(o.id or f"{o.photo}/{o.point}", c) for o in images for c in "xy"]
-        clusters.append((named, joint.covariance * sign[:, None] * sign, "covariance_image2"))
-    for number, (members, covariance, column) in enumerate(clusters, start=1):
+        groups.append(([(o.id or f"{o.photo}/{o.point}", o) for o in images], group.covariance))
+    for number, (named, given) in enumerate(groups, start=1):
+        column = "covariance_image2" if _in_image_units(o for _, o in named) else "covariance_si"
+        covariance = given * signs_in_group([o for _, o in named], axes_of)
+        members = [(ident, c) for ident, o in named for c in o.component_names()]
         for i, (id1, c1) in enumerate(members):
             for j, (id2, c2) in enumerate(members):
                 value = float(covariance[i, j])
@@ -230,6 +242,27 @@ def covariance_records(network: Network) -> Iterator[dict[str, str]]:
                     "component2": c2,
                     column: numbers.write_quantity(value),
                 }
+
+
+def _in_image_units(observations: Iterable[Observation]) -> bool:
+    """Return whether the values of all of some observations are in the unit of their camera."""
+    return all(isinstance(o, ImagePoint) or is_in_image(o.kind) for o in observations)
+
+
+def signs_in_group(members: Iterable[Observation], axes_of: Callable[[str], ImageAxes]) -> Array:
+    """Return the signs that covariances of a group have in files, (n, n).
+
+    Covariances of y in an image with others change theirs where the camera has y down.
+
+    Args:
+        members: the observations.
+        axes_of: axes of images in files, by the name of the photo.
+    """
+    signs = []
+    for o in members:
+        turned = _in_image_units([o]) and any(axes_of(photo).y_down for photo in o.photos())
+        signs += [-1.0 if turned and name == "y" else 1.0 for name in o.component_names()]
+    return np.outer(signs, signs)
 
 
 def _symmetric(matrix: Array) -> Array:

@@ -30,10 +30,11 @@ from ..frames import Frame
 from ..models.lens import NoDistortion
 from ..models.unknown_registry import UNKNOWNS, VariableKind, parameter_kinds
 from ..network.network import Network
-from ..observations import KINDS, AnyObservation, Correlated, ImagePoint, Observation
+from ..observations import KINDS, AnyObservation, Correlated, Observation
 from ..types import Array
 from . import numbers, observation_records
 from .camera_records import read_camera_record
+from .covariance_tables import signs_in_group
 from .csv_tables import REMARK_COLUMNS, FieldRow
 from .numbers import Units
 from .observation_fields import (
@@ -45,7 +46,6 @@ from .observation_fields import (
     name_fields,
     number_fields,
     sigma_fields,
-    signs_in_files,
     text_fields,
     unknown_field_message,
 )
@@ -219,9 +219,8 @@ def _correlated_of(
     if problems or covariance is None:
         raise InputError(problems)
     try:
-        if context is not None and isinstance(members[0], ImagePoint):
-            sign = signs_in_files(context.axes_of(o.photos()[0]) for o in members)
-            covariance *= sign[:, None] * sign
+        if context is not None:
+            covariance *= signs_in_group(members, context.axes_of)
         return Correlated(tuple(members), covariance)
     except InputError as error:
         row.wrong_all(error)

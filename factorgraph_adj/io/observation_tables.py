@@ -51,7 +51,9 @@ class ObservationsReader:
 
     def with_covariances(self, table: CsvTable | None, covariances: CsvTable | None) -> None:
         """Read observations.csv, if there is one, and the covariances of it and of images.csv."""
-        matrices = CovarianceTable(covariances, self.problems) if covariances else None
+        matrices = None
+        if covariances is not None:
+            matrices = CovarianceTable(covariances, self.problems, self.context.axes_of)
         if matrices is not None:
             images = {
                 self.network.images.ids.get(row) or f"{o.photo}/{o.point}": row

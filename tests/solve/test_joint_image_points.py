@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -102,6 +103,30 @@ def test_files_and_records_keep_the_covariance(network: fga.Network, tmp_path: P
         assert isinstance(again, fga.Correlated)
         assert again.observations == group.observations
         assert np.array_equal(again.covariance, group.covariance)
+
+
+@pytest.mark.parametrize("y_down", [False, True])
+def test_groups_behind_water_have_the_signs_of_files(y_down: bool, tmp_path: Path) -> None:
+    network = plan()
+    network.cameras["D3"] = replace(network.cameras["D3"], y_down_in_files=y_down)
+    network.set_refractive_index("water", 1.34, sigma=1e-3)
+    network.set_level("river", -3.0, fixed=True)
+    both = [
+        fga.ImageThroughLevel(
+            "F1", name, (1.0, 2.0), sigma=(0.01, 0.01), level="river", medium="water", id=name
+        )
+        for name in ("P1", "P2")
+    ]
+    rho = 0.6 * np.eye(4) + 0.4
+    network.add(fga.Correlated(tuple(both), 1e-4 * rho))
+    fga.write_project(network, tmp_path)
+    with (tmp_path / "covariances.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    (crossing,) = [
+        r for r in rows if r["id"] == r["id2"] == "P1" and r["component"] != r["component2"]
+    ]
+    assert float(crossing["covariance_image2"]) == pytest.approx(-4e-5 if y_down else 4e-5)
+    assert_same_network(fga.read(tmp_path / "project.toml"), network)
 
 
 def test_faults_of_the_table_of_covariances_are_named(network: fga.Network, tmp_path: Path) -> None:
