@@ -18,7 +18,13 @@ the sum of its modes with independent amplitudes (Karhunen & Loève),
     s = Σ_i a_i φ_i,   a_i ~ N(0, σ²),   φ_i = √λ_i u_i,   ϱ(nodes) = Σ_i λ_i u_i u_iᵀ
 
 so that weighted amplitudes, parameters of the camera, stand for the full covariance of all its
-images: Ayeni's method 27 without a dense matrix.
+images: Ayeni's method 27 without a dense matrix. Modes are bilinear between nodes, with weights b
+of the four nodes around an image point. What they lack there, of the signal between the nodes and
+of modes that are left out,
+
+    σ² (1 − 2 bᵀc + bᵀK b) + σ² (bᵀK b − Σ_i φ_i²),
+
+with the correlations K of the nodes and c of the nodes with the point, is noise of its coordinates.
 """
 
 from __future__ import annotations
@@ -29,6 +35,7 @@ from typing import Literal
 
 import numpy as np
 
+from ..entities import JointImagePoints
 from ..errors import InputError, Problem, taking, unknown_name
 from ..frames import GeocentricFrame
 from ..models.grid_lens import GridLens
@@ -40,10 +47,15 @@ from ..types import Array
 from .covariance_function import CovarianceFunction
 from .point_corrections import covariance_of_control
 
-IMAGE_NODES = 11
-"""Number of nodes of modes along the longer side of an image."""
-MODES_LEFT_OUT = 0.01
+NODES_PER_LENGTH = 5.0
+"""Number of distances between nodes in the length L of the covariance function, at least: of a
+gaussian one 3 % of σ are lost in the middle of a cell, h²/(8 L²) √32 σ."""
+MOST_NODES = 3000
+"""Largest number of nodes that follows from L without being stated; their matrix is full."""
+MODES_LEFT_OUT = 1e-4
 """Share of the variance of a signal that its smallest modes have, which are left out."""
+MOST_MODES = 500
+"""Largest number of modes in x and in y: twice as many are parameters of the camera."""
 WITH_SIGNAL = "+s"
 """Behind the name of a point: the point with its signal."""
 
@@ -191,7 +203,17 @@ def _signals(
         CoordinateDifference(name, name + WITH_SIGNAL, (0.0,) * d, axes=axes, sigma=1.0)
         for name in names
     )
-    return Correlated(differences, joint.reshape(n * d, n * d))
+    try:
+        return Correlated(differences, joint.reshape(n * d, n * d))
+    except InputError as error:
+        smooth = " and ".join(dict.fromkeys(str(f) for f in used))
+        what = (
+            f"signals of {n} points with {smooth} are so alike that they cannot be unknowns "
+            f"({str(error).rsplit(': ', 1)[-1]}): take a rougher function such "
+            "as matern52, a shorter length or fewer points, or point_corrections, which needs no "
+            "inverse of this covariance"
+        )
+        raise InputError(what) from None
 
 
 @taking(Network)
@@ -200,7 +222,7 @@ def with_image_signals(
     *,
     covariance: CovarianceFunction,
     cameras: Sequence[str] | None = None,
-    nodes: int = IMAGE_NODES,
+    nodes: int | None = None,
     left_out: float = MODES_LEFT_OUT,
 ) -> Network:
     """Return a network whose cameras have signals in their images as unknowns, see the module.
@@ -209,16 +231,24 @@ def with_image_signals(
         network: the network; it stays unchanged.
         covariance: covariance function of the signals in x and y over the image, image units.
         cameras: names of the cameras; by default all.
-        nodes: number of nodes along the longer side of the image; more for a shorter L.
-        left_out: share of the variance of the signal that modes which are left out have.
+        nodes: number of nodes along the longer side of the image; by default their distance is L/5
+            or less.
+        left_out: share of the variance of the signal that modes which are left out have; it becomes
+            noise of the image points.
 
     Returns:
         The network; the lens of each camera is a `GridLens` before its own one, with the amplitudes
-        as weighted parameters.
+        as weighted parameters. Variances of its image points have the variance of the signal that
+        the modes lack.
 
     Raises:
-        InputError: a camera is unknown, or takes no grid.
+        InputError: a camera is unknown or takes no grid, or L is so short that there would be too
+            many nodes or modes.
     """
+    if nodes is not None and nodes < 2:
+        raise InputError(f"nodes must be 2 or more, not {nodes}")
+    if not 0 < left_out < 1:
+        raise InputError(f"left_out must be between 0 and 1, not {left_out}")
     out = network.copy()
     photo, _, xy, _ = network.images.columns()
     for name in network.cameras if cameras is None else cameras:
@@ -232,22 +262,86 @@ def with_image_signals(
         lens = camera.lens if isinstance(camera.lens, GridLens) else GridLens(camera.lens)
         if lens.modes:
             raise InputError(Problem("its images have signals already", f"camera {name!r}"))
-        if not lens.x:
-            lens = empty_grid(lens, corners, nodes)
-        x, y = np.meshgrid(np.array(lens.x), np.array(lens.y))
+        side = float((corners[1] - corners[0]).max())
+        step = side / (nodes - 1) if nodes else covariance.length / NODES_PER_LENGTH
+        count = max(int(np.ceil(side / step * (1.0 - 1e-12))) + 1, 2)
+        lens = lens.refined(step) if lens.x else empty_grid(lens, corners, count)
+        _check_size(lens, name, stated=nodes is not None)
         unit = replace(covariance, sigma=1.0)
-        values, vectors = np.linalg.eigh(unit.between(np.column_stack([x.ravel(), y.ravel()])))
-        values, vectors = values[::-1], vectors[:, ::-1]
-        n = int(np.searchsorted(np.cumsum(values), (1.0 - left_out) * values.sum())) + 1
-        modes = (vectors[:, :n] * np.sqrt(values[:n])).T
+        modes = _modes(lens, unit, left_out)
+        n = len(modes)
+        if n > MOST_MODES:
+            what = (
+                f"a signal with {covariance} over an image of {side:g} has {n} modes, "
+                f"{MOST_MODES} at most are possible: state a larger left_out (what is left out "
+                "is noise), or take a smoother function such as matern52 or a longer L"
+            )
+            raise InputError(Problem(what, f"camera {name!r}"))
+        lens = replace(lens, modes=tuple(tuple(m) for m in modes.tolist()))
+        _add_noise(out, on, covariance.sigma**2 * _variance_lost(lens, unit, xy[on]))
         out.cameras[name] = replace(
             camera,
-            lens=replace(lens, modes=tuple(tuple(m) for m in modes.tolist())),
+            lens=lens,
             values=(*camera.values, *(0.0,) * (2 * n)),
             fixed=(*camera.fixed, *(False,) * (2 * n)),
             sigma=(*camera.sigma, *(covariance.sigma,) * (2 * n)),
         )
     return out
+
+
+def _check_size(lens: GridLens, camera: str, *, stated: bool) -> None:
+    """Raise InputError if nodes that are not stated are too many."""
+    if stated or len(lens.x) * len(lens.y) <= MOST_NODES:
+        return
+    what = (
+        f"the length of the covariance function is so short that the image needs "
+        f"{len(lens.x)} × {len(lens.y)} nodes: state nodes, of which the distance should be a "
+        "quarter of the length or less, or take such a short signal for noise"
+    )
+    raise InputError(Problem(what, f"camera {camera!r}"))
+
+
+def _modes(lens: GridLens, unit: CovarianceFunction, left_out: float) -> Array:
+    """Return the modes √λ u of the correlations of the nodes, largest first, (n, nodes)."""
+    values, vectors = np.linalg.eigh(unit.between(_nodes(lens)))
+    values, vectors = values[::-1], vectors[:, ::-1]
+    n = int(np.searchsorted(np.cumsum(values), (1.0 - left_out) * values.sum())) + 1
+    n = min(n, int((values > 0.0).sum()))
+    return np.asarray((vectors[:, :n] * np.sqrt(values[:n])).T)
+
+
+def _nodes(lens: GridLens) -> Array:
+    """Return x and y of the nodes of a grid, row by row from below, (nodes, 2)."""
+    x, y = np.meshgrid(np.array(lens.x), np.array(lens.y))
+    return np.column_stack([x.ravel(), y.ravel()])
+
+
+def _variance_lost(lens: GridLens, unit: CovarianceFunction, at: Array) -> Array:
+    """Return the share of the variance that modes lack at places (n, 2), see the module, (n,)."""
+    number, b = lens.neighbours(at[:, 0], at[:, 1])
+    nodes = _nodes(lens)[number]
+    joint = unit(np.linalg.norm(nodes[:, :, None] - nodes[:, None], axis=3))
+    with_place = unit(np.linalg.norm(nodes - at[:, None], axis=2))
+    between = np.einsum("ni,nij,nj->n", b, joint, b)
+    phi = np.einsum("mni,ni->mn", np.array(lens.modes)[:, number], b)
+    lost = 1.0 - 2.0 * np.einsum("ni,ni->n", b, with_place) + 2.0 * between - (phi**2).sum(axis=0)
+    return np.asarray(np.maximum(lost, 0.0))
+
+
+def _add_noise(out: Network, on: Array, variance: Array) -> None:
+    """Add a variance to x and y of the image points ``on`` (rows,); covariances stay the same."""
+    images = out.images
+    more = np.zeros(images.size)
+    more[on] = variance
+    old = images.columns()[3]
+    sigma = np.sqrt(old**2 + more[:, None])
+    rho = images.correlation * (old / sigma).prod(axis=1)
+    out.images = images.with_columns(sigma=sigma)
+    out.images.rho = [rho] if rho.any() else []
+    out.images.joint = [
+        JointImagePoints(rows, full + np.diag(np.repeat(more[rows], 2)))
+        for rows, full in images.joint
+    ]
 
 
 def empty_grid(lens: GridLens, corners: tuple[Array, Array], nodes: int) -> GridLens:

@@ -132,6 +132,22 @@ class GridLens(Lens):
         above = (1.0 - s) * tables[:, j + 1, i] + s * tables[:, j + 1, i + 1]
         return np.asarray((1.0 - t) * below + t * above)
 
+    def neighbours(self, x: Array, y: Array) -> tuple[Index, Array]:
+        """Return numbers and weights of the four nodes around coordinates, (n, 4) each."""
+        i, s = _cell(self._nodes[0], x)
+        j, t = _cell(self._nodes[1], y)
+        first, row = j * len(self.x) + i, len(self.x)
+        number = np.column_stack([first, first + 1, first + row, first + row + 1])
+        return number, np.column_stack([(1 - s) * (1 - t), s * (1 - t), (1 - s) * t, s * t])
+
+    def refined(self, step: float) -> GridLens:
+        """Return the same corrections with further nodes, in distances of a step at most."""
+        x, y = (_refined(nodes, step) for nodes in self._nodes)
+        at_x, at_y = np.meshgrid(x, y)
+        tables = self._between(self._tables, at_x.ravel(), at_y.ravel()).reshape(2, *at_x.shape)
+        dx, dy = (tuple(tuple(row) for row in table.tolist()) for table in tables)
+        return replace(self, x=tuple(x.tolist()), y=tuple(y.tolist()), dx=dx, dy=dy)
+
     def plus(self, dx: Array, dy: Array) -> GridLens:
         """Return the grid with further corrections at its nodes, (nodes of y, nodes of x) each."""
         own = (np.asarray(self.dx) + dx, np.asarray(self.dy) + dy)
@@ -162,3 +178,13 @@ def _cell(nodes: Array, at: Array) -> tuple[Index, Array]:
     i = np.clip(found, 0, len(nodes) - 2).astype(np.intp)
     share = (at - nodes[i]) / (nodes[i + 1] - nodes[i])
     return i, np.clip(share, 0.0, 1.0)
+
+
+def _refined(nodes: Array, step: float) -> Array:
+    """Return nodes with further ones between them."""
+    counts = np.maximum(np.ceil(np.diff(nodes) / step * (1.0 - 1e-12)).astype(int), 1)
+    parts = [
+        np.linspace(a, b, n, endpoint=False)
+        for a, b, n in zip(nodes[:-1], nodes[1:], counts.tolist(), strict=True)
+    ]
+    return np.concatenate([*parts, nodes[-1:]])

@@ -13,10 +13,12 @@ from factorgraph_adj.collocation.collocation import collocate
 from factorgraph_adj.collocation.covariance_function import CovarianceFunction
 from factorgraph_adj.collocation.image_corrections import corrected_bundle, image_corrections
 from factorgraph_adj.collocation.signal_variables import with_image_signals
+from factorgraph_adj.entities import JointImagePoints
 from factorgraph_adj.models.grid_lens import GridLens
 from factorgraph_adj.models.lens import Lens
 from factorgraph_adj.models.scanner_lens import LineLens
 from factorgraph_adj.solve.solution import Solution
+from factorgraph_adj.types import Array
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +87,7 @@ def test_signals_of_images_are_the_collocation_of_residuals_where_all_else_is_kn
     """One photo and its points are held: amplitudes give what the covariance of images gives.
 
     Modes that are left out have 10⁻⁹ of the variance. The bilinear table differs by h²/8 of the
-    curvature of the signal between nodes 2.5 mm apart: 2 h²/(8 L²) σ = 0.005 µm.
+    curvature of the signal between nodes 3.3 mm apart: 2 h²/(8 L²) σ = 0.006 µm.
     """
     rng = np.random.default_rng(6)
     function = CovarianceFunction("gaussian", 0.008, 60.0)
@@ -100,7 +102,7 @@ def test_signals_of_images_are_the_collocation_of_residuals_where_all_else_is_kn
     )
     measured = xy - signal + rng.normal(scale=0.003, size=(50, 2))
     network.add_image_points("f", list(network.points), measured, sigma=0.003)
-    at_once = with_image_signals(network, covariance=function, nodes=81, left_out=1e-9)
+    at_once = with_image_signals(network, covariance=function, nodes=61, left_out=1e-9)
     solution = fga.adjust(at_once)
     found = collocate(measured, xy - measured, covariance=function, noise=0.003, trend="none")
     camera = solution.network.cameras["camera"]
@@ -109,6 +111,102 @@ def test_signals_of_images_are_the_collocation_of_residuals_where_all_else_is_kn
     v, _, _ = camera.lens.residual(ideal, ideal, measured, k)
     np.testing.assert_allclose(-v - measured, found.signal, rtol=0, atol=2e-5)
     assert solution.vtpv == pytest.approx(found.vtpv, rel=1e-3)
+
+
+def _dense(network: fga.Network, function: CovarianceFunction) -> tuple[Array, Array]:
+    """Return coordinates of points and their σ by an adjustment with the full covariance C."""
+    images = network.images
+    photo, point, xy, sigma = images.columns()
+    names = [
+        (list(network.photos)[f], list(network.points)[p])
+        for f, p in zip(photo, point, strict=True)
+    ]
+    joint = np.kron(function.between(xy), np.eye(2)) + np.diag(sigma.ravel() ** 2)
+    out = network.copy()
+    out.images = type(images)()
+    observed = tuple(
+        fga.ImagePoint(f, p, float(at[0]), float(at[1]), sigma=(1.0, 1.0))
+        for (f, p), at in zip(names, xy, strict=True)
+    )
+    out.add(fga.Correlated(observed, joint))
+    return _coordinates(fga.adjust(out))
+
+
+def _coordinates(solution: Solution) -> tuple[Array, Array]:
+    names = list(solution.network.points)
+    found = np.array([solution.point(n) for n in names])
+    return found, np.array([solution.standard_deviations(n) for n in names])
+
+
+def _four_photos(function: CovarianceFunction, *, grid: bool = False) -> fga.Network:
+    """Return four convergent photos of 30 points, six of them control, with a signal in images."""
+    rng = np.random.default_rng(7)
+    network = fga.Network("four photos of 20 × 20")
+    lens = Lens()
+    if grid:  # a grid of a laboratory, with fewer nodes than the signal needs
+        zero = ((0.0, 0.0, 0.0),) * 2
+        lens = GridLens(lens, x=(-10.0, 1.0, 10.0), y=(-10.0, 10.0), dx=zero, dy=zero)
+    network.add_camera("camera", lens, {"c": 10.0}, format=(20.0, 20.0))
+    true = np.column_stack([rng.uniform(-6, 6, (30, 2)), rng.uniform(-1.5, 1.5, 30)])
+    for i, at in enumerate(true):
+        known = {"sigma": (0.003,) * 3} if i < 6 else {}
+        network.add_point(f"P{i}", at + (rng.normal(0, 0.003, 3) if i < 6 else 0.0), **known)
+    every = []
+    for i, (x, y) in enumerate(((0, 4), (4, 0), (0, -4), (-4, 0))):
+        network.add_photo(
+            f"f{i}", "camera", position=(x, y, 11.0), omega_phi_kappa=(-0.1 * y, 0.1 * x, 1.5 * i)
+        )
+        # The projection of the true points, by the poses as they are stated.
+        rotation = network.photos[f"f{i}"].rotation
+        ray = (true - np.array([x, y, 11.0])) @ rotation
+        every.append(10.0 * np.column_stack([ray[:, 0], -ray[:, 1]]) / ray[:, 2:])
+    xy = np.concatenate(every)
+    root = np.linalg.cholesky(function.between(xy) + 1e-12 * np.eye(len(xy)))
+    xy = xy + root @ rng.normal(size=xy.shape) + rng.normal(0, 0.005, xy.shape)
+    for i, own in enumerate(np.split(xy, 4)):
+        network.add_image_points(f"f{i}", list(network.points), own, sigma=0.005)
+    return network
+
+
+@pytest.mark.parametrize(
+    ("kind", "length", "grid"),
+    [("gaussian", 5.0, False), ("gaussian", 8.0, True), ("matern52", 8.0, False)],
+)
+def test_signals_of_images_are_the_full_covariance(kind: str, length: float, grid: bool) -> None:
+    function = CovarianceFunction(kind, 0.02, length)
+    network = _four_photos(function, grid=grid)
+    at_once = with_image_signals(network, covariance=function)
+    (found, sigma), (dense, full) = _coordinates(fga.adjust(at_once)), _dense(network, function)
+    assert np.abs((found - dense) / full).max() < 0.1
+    assert (sigma / full).min() > 0.97 and (sigma / full).max() < 1.03
+
+
+def test_variance_of_the_signal_that_modes_lack_is_noise() -> None:
+    """Of 3 nodes and half of the variance the rest is noise, of joint image points too."""
+    function = CovarianceFunction("gaussian", 0.02, 8.0)
+    network = _four_photos(function)
+    joint = network.copy()
+    joint.images.join(JointImagePoints(np.arange(2), np.diag([4.0, 4.0, 4.0, 4.0]) + 1.0))
+    out = with_image_signals(joint, covariance=function, nodes=3, left_out=0.5)
+    exact = with_image_signals(network, covariance=function)
+    coarse, old = out.images.columns()[3], 0.005
+    assert (coarse[2:] ** 2 - old**2 > 0.05 * 0.02**2).all()
+    assert (exact.images.columns()[3] ** 2 - old**2 < 0.01 * 0.02**2).all()
+    (_, covariance) = out.images.joint[0]
+    np.testing.assert_allclose(np.diag(covariance), coarse[:2].ravel() ** 2)
+    assert (np.diag(covariance) > 5.0).all() and covariance[0, 1] == 1.0
+    rho = out.images.correlation[:2]
+    np.testing.assert_allclose(rho * coarse[:2].prod(axis=1), 1.0)
+
+
+def test_signals_of_images_that_are_too_short_are_refused() -> None:
+    network = _four_photos(CovarianceFunction("gaussian", 0.02, 8.0))
+    with pytest.raises(fga.InputError, match="101 × 101 nodes: state nodes"):
+        with_image_signals(network, covariance=CovarianceFunction("gaussian", 0.02, 1.0))
+    with pytest.raises(fga.InputError, match="modes, 500 at most are possible: state a larger"):
+        with_image_signals(network, covariance=CovarianceFunction("exponential", 0.02, 4.0))
+    with pytest.raises(fga.InputError, match="nodes must be 2 or more"):
+        with_image_signals(network, covariance=CovarianceFunction("gaussian", 0.02, 8.0), nodes=1)
 
 
 def test_signals_of_images_bring_more_than_filtered_residuals(solution: Solution) -> None:

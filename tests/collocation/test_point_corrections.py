@@ -170,3 +170,15 @@ def test_sigmas_in_a_wrong_unit_are_told_or_refused() -> None:
     assert right.remarks == ()
     with pytest.raises(fga.InputError, match="plan: the stated noise, 8 m, is far larger than"):
         point_corrections(solution, use="check", noise=8.0)
+
+
+def test_signals_that_are_too_alike_are_refused_with_a_remedy() -> None:
+    rng = np.random.default_rng(1)
+    network = fga.Network("control of an area as large as L")
+    for i, (x, y) in enumerate(rng.uniform(0.0, 1000.0, (50, 2))):
+        network.add_point(f"P{i}", (x, y, 0.0), sigma=(0.01,) * 3)
+    smooth = fga.CovarianceFunction("gaussian", 0.02, 1000.0)
+    with pytest.raises(fga.InputError, match=r"so alike .* matern52, a shorter length"):
+        fga.with_signals(network, covariance=smooth)
+    rough = fga.CovarianceFunction("matern52", 0.02, 1000.0)
+    assert "P0+s" in fga.with_signals(network, covariance=rough).points
