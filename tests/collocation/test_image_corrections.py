@@ -87,7 +87,7 @@ def test_signals_of_images_are_the_collocation_of_residuals_where_all_else_is_kn
     """One photo and its points are held: amplitudes give what the covariance of images gives.
 
     Modes that are left out have 10⁻⁹ of the variance. The bilinear table differs by h²/8 of the
-    curvature of the signal between nodes 3.3 mm apart: 2 h²/(8 L²) σ = 0.006 µm.
+    curvature of the signal between nodes 2.5 mm apart: 2 h²/(8 L²) σ = 0.005 µm.
     """
     rng = np.random.default_rng(6)
     function = CovarianceFunction("gaussian", 0.008, 60.0)
@@ -102,7 +102,7 @@ def test_signals_of_images_are_the_collocation_of_residuals_where_all_else_is_kn
     )
     measured = xy - signal + rng.normal(scale=0.003, size=(50, 2))
     network.add_image_points("f", list(network.points), measured, sigma=0.003)
-    at_once = with_image_signals(network, covariance=function, nodes=61, left_out=1e-9)
+    at_once = with_image_signals(network, covariance=function, nodes=81, left_out=1e-9)
     solution = fga.adjust(at_once)
     found = collocate(measured, xy - measured, covariance=function, noise=0.003, trend="none")
     camera = solution.network.cameras["camera"]
