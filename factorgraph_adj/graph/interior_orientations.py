@@ -46,6 +46,8 @@ def start_interior_orientations(
             k = len(lens.names)
             film = np.array([(o.film_x, o.film_y) for o in own])
             measured = np.array([o.value for o in own])
+            if not np.ptp(measured, axis=0).any():  # a plan, in which nothing is read yet
+                continue
             values[i, :k] = start_of_interior_orientation(
                 lens, values[i, :k], unknown[i, :k], film, measured
             )

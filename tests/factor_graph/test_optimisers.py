@@ -30,7 +30,8 @@ def solved(network: fga.Network) -> fga.Solution:
     return fga.adjust(network, tolerance=1e-9)
 
 
-LENSES = [pytest.param(n, marks=() if n in FEW else LONG) for n in LENSES_USED]
+# Photos of a line scanner that stand still see nothing of y.
+LENSES = [pytest.param(n, marks=() if n in FEW else LONG) for n in LENSES_USED if n != "line"]
 
 
 @pytest.mark.parametrize("lens", LENSES)
