@@ -98,7 +98,7 @@ ORBIT = Stated(
 )
 """Arc of an orbit about a small body that turns: m, m/s, m³/s², rad/s."""
 
-TRACK = Stated("point_motion", "track", (7.0, -4.0, 3.0, 0.4, 0.3, -0.2), (0.1,) * 3 + (0.1,) * 3)
+TRACK = Stated("point_motion", "track", (7.0, -4.0, 3.0, 0.4, 0.3, -0.2), (0.05,) * 3 + (0.01,) * 3)
 """Motion of a moving point, m/s and m/s²."""
 
 EXAMPLES: dict[str, Example] = {
