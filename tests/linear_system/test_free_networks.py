@@ -159,6 +159,8 @@ def test_small_free_networks_keep_rows_beside_their_base(name: str) -> None:
     """Their standard deviations are compared in one datum: a fitting row needs no new base."""
     network = with_datum(FREE[name][0](), FREE[name][2])
     every = items(network)
+    if name == "images":  # the last ray bends: few determine the distortion
+        every.append(every.pop(-2))
     inc = fga.IncrementalAdjustment(bare(network))
     inc.add(every[:-1])
     before = inc._state.system
