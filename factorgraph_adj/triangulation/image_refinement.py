@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, taking
 from ..frames import LocalFrame
 from ..graph.blocks import Block
 from ..graph.equations import Equations, compile_rows
@@ -85,6 +85,7 @@ class RefinedImages(Shown):
         return Rows(header, map(row, photos), len(photos))
 
 
+@taking(Network)
 def refine_images(
     network: Network,
     *,
