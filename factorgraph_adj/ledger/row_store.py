@@ -65,7 +65,10 @@ class Unit:
             variables = next(each)
             for _ in own[1:]:
                 variables = tuple(dict.fromkeys((*variables, *next(each))))
-            # A photo is in a network only with its calibration.
+            # Marks on film depend on no pose, but are in a network only with their photo, and a
+            # photo only with its calibration.
+            of_photos = (("pose", name) for o in own for name in o.photos())
+            variables = tuple(dict.fromkeys((*variables, *of_photos)))
             if photos := [name for kind, name in variables if kind == "pose"]:
                 lenses = (("calibration", calibration_name(network, f)) for f in photos)
                 variables = tuple(dict.fromkeys((*variables, *lenses)))

@@ -44,7 +44,7 @@ def block() -> Network:
     What snooping has to reject, one by one, is the levelling.
     """
     network = simulate_industry_block(seed=2, photos=4, distances=50).network
-    # With residuals of measured coordinates the search ends in a mirror image that all readings fit.
+    # With residuals of measured coordinates the search finds a mirror image that everything fits.
     for name, camera in network.cameras.items():
         network.cameras[name] = replace(camera, lens=camera.lens.in_ideal_coordinates)
     lines = levelled(network)
