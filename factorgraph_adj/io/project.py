@@ -198,7 +198,7 @@ def load_project(
         book = cast(CsvTable, found_tables["readings"])
         observations.complete &= read_readings(network, book, context, faces, problems)
     network.without_observations = without_observations(path, found_tables, "files" in document)
-    warnings = tuple(_tables_not_read(path.parent, found_tables, document.get("files")))
+    warnings = tuple(_tables_not_read(path, found_tables, document.get("files")))
     with places.placing():
         if problems:
             # The structure can be checked in the same run only if every name is known.
@@ -336,25 +336,25 @@ def _tables(row: FieldRow, path: Path, allow_outside: bool) -> dict[str, CsvTabl
 
 
 def _tables_not_read(
-    folder: Path, found: Mapping[str, CsvTable | None], named: object
+    path: Path, found: Mapping[str, CsvTable | None], named: object
 ) -> Iterator[Problem]:
     """Iterate over files that are named like a table that the project does not have, or nearly.
 
     Args:
-        folder: folder of the project.
+        path: the TOML file of the project.
         found: the tables that the project has.
         named: [files] of the project; without it every table of its own name is read.
     """
     paths = named.values() if isinstance(named, dict) else ()
     read = {Path(p.replace("\\", "/")).as_posix() for p in paths if isinstance(p, str)}
-    files = sorted({f.name for f in folder.iterdir()} - read)
+    files = sorted({f.name for f in path.parent.iterdir()} - read)
     valid = project_table_names()
     missing = [name for name in valid if found.get(name) is None and f"{name}.csv" not in files]
     for file in files:
         stem, _, end = file.casefold().partition(".")
         own = file.removesuffix(".csv")
         if own in valid and own != file and own not in found:
-            yield Problem("is not read: [files] does not name it", file)
+            yield Problem(f"{file} is not read: [files] does not name it", f"{path.name}: [files]")
         if own in valid or end not in TABLE_ENDINGS:
             continue  # readings.csv is near to headings.csv, and a table of its own
         close = get_close_matches(stem, missing, 1, MIN_NAME_SIMILARITY)

@@ -261,7 +261,11 @@ def every_sight(frame: str) -> tuple[Network, Network]:
     for name, body in plan.frames.items():
         plan.frames[name] = replace(body, sigma=(*(1e-4,) * 3, *(0.01,) * 3, 1e-5))
     size = {"length": 0.01, "angle": 1e-4, "ppm": 1e-5}
-    for record in (r for r in UNKNOWNS.values() if r.on_earth or r.name in (*LARGE, "heading")):
+    for record in (
+        r
+        for r in UNKNOWNS.values()
+        if r.on_earth or r.name in (*LARGE, "heading", "arc", "point_motion")
+    ):
         for name, given in plan.of_kind(record.name).items():
             sigma = tuple(size.get(c.quantity, 0.01) for c in record.components)
             plan.of_kind(record.name)[name] = replace(given, sigma=sigma[: len(given.values)])

@@ -72,5 +72,5 @@ def test_tables_that_files_does_not_name(tmp_path, capsys):
     assert main(["check", str(tmp_path)]) != 2
     said = "".join(capsys.readouterr())
     for name in ("covariances", "verticals", "refractive_indices"):
-        assert f"{name}.csv: is not read: [files] does not name it" in said
+        assert f"{name}.csv is not read: [files] does not name it" in said
     assert said.count("is not read") == 4  # with doubts.txt, nearly a table
