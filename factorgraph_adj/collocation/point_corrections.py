@@ -51,6 +51,8 @@ PLAN, HEIGHT = slice(0, 2), slice(2, 3)
 """Those in plan and in height."""
 FAR_NOISE = 10.0
 """Factor by which noise must exceed the RMS of residuals to be refused: no scatter of them."""
+MILLIMETRES = 1.0
+"""Smallest noise, metres, that is taken for one in millimetres."""
 FAR_SIZE = 2.0
 """Factor between σ̂0 and 1 from which the stated covariance is doubted, if it is significant."""
 ALPHA_OF_SIZE = 0.001
@@ -344,7 +346,8 @@ def _refuse_large_noise(values: Array, sigma: Array, word: str) -> None:
     on = np.isfinite(values) & (sigma > 0)
     v, own = values[on], sigma[on]
     square = float(np.sum((v / own) ** 2))
-    if square * FAR_NOISE**2 < len(v) and chi2_lower_probability(square, len(v)) < ALPHA_OF_SIZE:
+    far = square * FAR_NOISE**2 < len(v) and own.max(initial=0.0) >= MILLIMETRES
+    if far and chi2_lower_probability(square, len(v)) < ALPHA_OF_SIZE:
         noise, rms = (float(np.sqrt(np.mean(x**2))) for x in (own, v))
         raise InputError(
             f"{word}: the stated noise, {noise:.4g} m, is far larger than the residuals, whose RMS "

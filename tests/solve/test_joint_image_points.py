@@ -14,9 +14,10 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.io.json_records import observation_fields, observation_of
+from factorgraph_adj.parts.part_files import RunFolder
+from factorgraph_adj.parts.whole_network import cut_network
 from factorgraph_adj.simulation.measurement import disturb, measure
 from tests.networks.small_block import plan
-from tests.parts.test_parts import equal_to_the_whole
 from tests.support.arrivals import batch, difference
 from tests.support.dense import Dense, DenseReliability
 from tests.support.joint_images import jointly_measured
@@ -197,7 +198,10 @@ def test_the_factor_graph_has_one_factor_for_each_group(solution: fga.Solution) 
 
 def test_parts_keep_groups_together(network: fga.Network, tmp_path: Path) -> None:
     regions = {name: "left" if name < "F3" else "right" for name in network.photos}
-    equal_to_the_whole(network, regions.get, tmp_path)
+    parts = cut_network(network, regions.get, RunFolder(tmp_path))
+    cut, whole = fga.adjust_parts(parts, folder=tmp_path, tolerance=1e-10), fga.adjust(network)
+    assert cut.sigma0 == pytest.approx(whole.sigma0, rel=1e-9)
+    assert cut.n_observations == whole.n_observations
 
 
 def test_image_points_are_correlated_with_image_points_only(network: fga.Network) -> None:
