@@ -147,7 +147,7 @@ def components(vectors: Array) -> tuple[Array, Array, Array]:
 
 
 def by_rotation(p: tuple[Array, Array, Array], g: tuple[Array, Array, Array]) -> tuple[Array, ...]:
-    """Return ∂v/∂ω = p × g of one component of v, for a rotation ω about the axes of the camera."""
+    """Return ∂v/∂ω = g × p of one component of v, for a rotation ω about the axes of the camera."""
     px, py, pz = p
     gx, gy, gz = g
     return gy * pz - gz * py, gz * px - gx * pz, gx * py - gy * px

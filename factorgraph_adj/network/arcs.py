@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 
 from ..entities import Parameter, Photo, sigmas
-from ..errors import InputError, Problem, known, unknown_name
+from ..errors import InputError, Problem, known
 from ..frames import Frame
 from ..models.arcs import GM, HIGHEST_POWER, SPIN, STATE, TERMS, arc_places
 from ..models.base import DegenerateError
 from ..models.unknown_registry import VariableKind, unknown_kind
 from ..observations.arcs import PhotoOnArc
 from ..types import Array
+from .construction import problems_of_times
 
 KIND = "arc"
 """Kind of unknowns of arcs."""
@@ -76,17 +77,8 @@ class Arcs:
             InputError: unknown photos, photos without a position where values are wanted, times
                 that are not finite, a wrong power, or unknown components.
         """
-        where, found = f"arc {name!r}", []
-        found += [
-            Problem(unknown_name("photo", f, self.photos), where)
-            for f in times
-            if f not in self.photos
-        ]
-        found += [
-            Problem(f"its time must be a finite number, not {t!r}", f"photo {f!r}")
-            for f, t in times.items()
-            if not np.isfinite(t)
-        ]
+        where = f"arc {name!r}"
+        found = problems_of_times(times, self.photos, where)
         if power not in range(1, HIGHEST_POWER + 1):
             found.append(Problem(f"power must be 1 to {HIGHEST_POWER}, not {power!r}", where))
             power = 1

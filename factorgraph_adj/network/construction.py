@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -389,6 +389,17 @@ def checked_image_points(
     if problems:
         raise InputError(problems)
     return measured, weights, rho
+
+
+def problems_of_times(
+    times: Mapping[str, float], photos: Collection[str], where: str
+) -> list[Problem]:
+    """Return the photos that are unknown, and those whose time is no finite number."""
+    lost = [Problem(unknown_name("photo", f, photos), where) for f in times if f not in photos]
+    what = "its time must be a finite number, not {!r}"
+    return lost + [
+        Problem(what.format(t), f"photo {f!r}") for f, t in times.items() if not np.isfinite(t)
+    ]
 
 
 def refuse_duplicate(name: str, names: Mapping[str, object], what: str) -> None:

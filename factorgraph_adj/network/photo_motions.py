@@ -7,14 +7,12 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
-import numpy as np
-
 from ..entities import Camera, Parameter, Photo, sigmas
-from ..errors import InputError, Problem, unknown_name
+from ..errors import InputError, Problem
 from ..models.rolling_shutter import MOTION, Readout
 from ..models.unknown_registry import VariableKind, unknown_kind
 from ..observations.photo_motions import PhotoShift, PhotoTurn
-from .construction import required
+from .construction import problems_of_times, required
 
 KIND = "photo_motion"
 """Kind of unknowns of motions."""
@@ -63,16 +61,7 @@ class PhotoMotions:
                 than zero. All photos are named, and nothing is added.
         """
         where = "motions of a strip"
-        problems = [
-            Problem(unknown_name("photo", f, self.photos), where)
-            for f in times
-            if f not in self.photos
-        ]
-        problems += [
-            Problem(f"its time must be a finite number, not {t!r}", f"photo {f!r}")
-            for f, t in times.items()
-            if not np.isfinite(t)
-        ]
+        problems = problems_of_times(times, self.photos, where)
         velocity = sigmas(sigma_velocity, 3, f"sigma_velocity of the {where}")
         rate = sigmas(sigma_rate, 3, f"sigma_rate of the {where}")
         if len(times) < 2:

@@ -12,7 +12,9 @@ from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.observations import ImageLine, PhotoRange
 from factorgraph_adj.simulation.measurement import disturb, measure
 from tests.networks.microscope import SCALE, microscope
-from tests.support.arrivals import bare, batch, difference, items
+from tests.support.arrivals import (
+    assert_any_order_ends_at_the_batch,
+)
 from tests.support.scatter import (
     assert_estimates_scatter_as_their_covariance_says,
     assert_the_variance_of_unit_weight_follows_its_distribution,
@@ -111,12 +113,4 @@ def test_project_comes_back(tmp_path) -> None:
 
 
 def test_arrivals_in_any_order_end_at_the_adjustment_of_all() -> None:
-    network = measure(microscope(MICROMETRE), seed=6)
-    rays = items(network)
-    order = np.random.default_rng(6).permutation(len(rays))
-    inc = fga.IncrementalAdjustment(bare(network), policy="accept")
-    for some in np.array_split(order, 12):
-        inc.add([rays[i] for i in some])
-    inc.settle()
-    found = difference(inc.solution(), batch(inc))
-    assert max(found.estimates, found.sigmas) < 1e-5
+    assert_any_order_ends_at_the_batch(measure(microscope(MICROMETRE), seed=6))

@@ -14,11 +14,11 @@ from factorgraph_adj.simulation.measurement import disturb, measure
 from factorgraph_adj.types import Array
 from tests.networks.small_block import SIGMA_MM, plan
 from tests.support.arrivals import batch, difference
-from tests.support.dense import Dense, DenseReliability
+from tests.support.dense import (
+    assert_adjustment_of_full_matrices,
+    assert_reliability_of_full_matrices,
+)
 from tests.support.same import assert_same_network
-
-CLOSE = 1e-7
-"""Relative agreement of figures by elimination and by full matrices."""
 
 
 def correlations(n: int) -> Array:
@@ -78,24 +78,11 @@ def test_only_cameras_with_correlated_coordinates_have_matrices_of_weights() -> 
 
 
 def test_the_adjustment_is_that_of_full_matrices(solution: fga.Solution) -> None:
-    dense = Dense.at(solution.equations, solution.state)
-    step = np.linalg.lstsq(dense.design, dense.residual, rcond=None)[0]
-    q = dense.cofactor(np.zeros(len(dense.free), dtype=bool))
-    sigma = np.sqrt(np.diag(q)[dense.free])
-    assert np.abs(step / sigma).max() < 1e-5
-    for name in [n for n in solution.network.points if n.startswith("P")]:
-        columns = solution.equations.unknowns.columns("point", solution.number("point", name))
-        expected = solution.variance_factor * q[np.ix_(columns, columns)]
-        found = solution.variable_covariance(("point", name))
-        np.testing.assert_allclose(found, expected, rtol=0, atol=CLOSE * np.abs(expected).max())
+    assert_adjustment_of_full_matrices(solution)
 
 
 def test_reliability_is_that_of_full_matrices(solution: fga.Solution) -> None:
-    rel, dense = fga.reliability(solution), DenseReliability.of(solution)
-    np.testing.assert_allclose(rel.redundancy_numbers, dense.redundancy_numbers, rtol=0, atol=CLOSE)
-    root = np.sqrt(np.diag(dense.precision))
-    np.testing.assert_allclose(rel.w, dense.weighted / root, rtol=CLOSE, atol=CLOSE)
-    np.testing.assert_allclose(rel.mdb, rel.delta0 / root, rtol=CLOSE)
+    assert_reliability_of_full_matrices(solution)
 
 
 def test_a_blunder_in_correlated_coordinates_is_found(network: fga.Network) -> None:

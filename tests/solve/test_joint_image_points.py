@@ -19,12 +19,12 @@ from factorgraph_adj.parts.whole_network import cut_network
 from factorgraph_adj.simulation.measurement import disturb, measure
 from tests.networks.small_block import plan
 from tests.support.arrivals import batch, difference
-from tests.support.dense import Dense, DenseReliability
+from tests.support.dense import (
+    assert_adjustment_of_full_matrices,
+    assert_reliability_of_full_matrices,
+)
 from tests.support.joint_images import jointly_measured
 from tests.support.same import assert_same_network
-
-CLOSE = 1e-7
-"""Relative agreement of figures by elimination and by full matrices."""
 
 
 @pytest.fixture(scope="module")
@@ -51,23 +51,11 @@ def test_the_weights_are_the_inverse_of_the_covariance(network: fga.Network) -> 
 
 
 def test_the_adjustment_is_that_of_full_matrices(solution: fga.Solution) -> None:
-    dense = Dense.at(solution.equations, solution.state)
-    step = np.linalg.lstsq(dense.design, dense.residual, rcond=None)[0]
-    q = dense.cofactor(np.zeros(len(dense.free), dtype=bool))
-    assert np.abs(step / np.sqrt(np.diag(q)[dense.free])).max() < 1e-5
-    for name in [n for n in solution.network.points if n.startswith("P")]:
-        columns = solution.equations.unknowns.columns("point", solution.number("point", name))
-        expected = solution.variance_factor * q[np.ix_(columns, columns)]
-        found = solution.variable_covariance(("point", name))
-        np.testing.assert_allclose(found, expected, rtol=0, atol=CLOSE * np.abs(expected).max())
+    assert_adjustment_of_full_matrices(solution)
 
 
 def test_reliability_is_that_of_full_matrices(solution: fga.Solution) -> None:
-    rel, dense = fga.reliability(solution), DenseReliability.of(solution)
-    np.testing.assert_allclose(rel.redundancy_numbers, dense.redundancy_numbers, rtol=0, atol=CLOSE)
-    root = np.sqrt(np.diag(dense.precision))
-    np.testing.assert_allclose(rel.w, dense.weighted / root, rtol=CLOSE, atol=CLOSE)
-    np.testing.assert_allclose(rel.mdb, rel.delta0 / root, rtol=CLOSE)
+    assert_reliability_of_full_matrices(solution)
 
 
 def test_a_joint_covariance_of_independent_points_changes_nothing() -> None:

@@ -371,3 +371,15 @@ def come_back(inc: IncrementalAdjustment, out: Sequence[AnyObservation]) -> None
         if rest:
             inc.remove(rest)
         inc.add(item)
+
+
+def assert_any_order_ends_at_the_batch(network: Network) -> None:
+    """Let the observations of a network arrive in twelve groups by chance, and compare the end."""
+    every = items(network)
+    order = np.random.default_rng(6).permutation(len(every))
+    inc = IncrementalAdjustment(bare(network), policy="accept")
+    for some in np.array_split(order, 12):
+        inc.add([every[i] for i in some])
+    inc.settle()
+    found = difference(inc.solution(), batch(inc))
+    assert max(found.estimates, found.sigmas) < 1e-5

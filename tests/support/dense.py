@@ -8,6 +8,7 @@ import numpy as np
 
 from factorgraph_adj.graph.equations import Equations
 from factorgraph_adj.graph.variables import State
+from factorgraph_adj.quality.reliability import reliability
 from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.types import Array, Mask
 from tests.support.differences import columns_of, whitened_system
@@ -186,3 +187,29 @@ def inverse(n: Array, on: Mask) -> Array:
     out = np.zeros_like(n)
     out[at] = np.linalg.inv(n[at] / np.outer(scale, scale)) / np.outer(scale, scale)
     return out
+
+
+CLOSE = 1e-7
+"""Relative agreement of figures by elimination and by full matrices."""
+
+
+def assert_adjustment_of_full_matrices(solution: Solution) -> None:
+    """Compare a minimum, and the covariances of the points P…, with those of full matrices."""
+    dense = Dense.at(solution.equations, solution.state)
+    step = np.linalg.lstsq(dense.design, dense.residual, rcond=None)[0]
+    q = dense.cofactor(np.zeros(len(dense.free), dtype=bool))
+    assert np.abs(step / np.sqrt(np.diag(q)[dense.free])).max() < 1e-5
+    for name in [n for n in solution.network.points if n.startswith("P")]:
+        columns = solution.equations.unknowns.columns("point", solution.number("point", name))
+        expected = solution.variance_factor * q[np.ix_(columns, columns)]
+        found = solution.variable_covariance(("point", name))
+        np.testing.assert_allclose(found, expected, rtol=0, atol=CLOSE * np.abs(expected).max())
+
+
+def assert_reliability_of_full_matrices(solution: Solution) -> None:
+    """Compare redundancy numbers, tests and detectable errors with those of full matrices."""
+    rel, dense = reliability(solution), DenseReliability.of(solution)
+    np.testing.assert_allclose(rel.redundancy_numbers, dense.redundancy_numbers, rtol=0, atol=CLOSE)
+    root = np.sqrt(np.diag(dense.precision))
+    np.testing.assert_allclose(rel.w, dense.weighted / root, rtol=CLOSE, atol=CLOSE)
+    np.testing.assert_allclose(rel.mdb, rel.delta0 / root, rtol=CLOSE)
