@@ -17,9 +17,10 @@ depend on approximate coordinates.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -251,6 +252,29 @@ class TopocentricFrame(metaclass=ChecksArguments):
 
 Frame: TypeAlias = LocalFrame | GeocentricFrame | TopocentricFrame
 """Any frame."""
+FRAME_KINDS: dict[str, type[Frame]] = {
+    "local": LocalFrame,
+    "geocentric": GeocentricFrame,
+    "topocentric": TopocentricFrame,
+}
+"""Frames by the words for them in files."""
+
+
+def frame_record(frame: Frame) -> dict[str, Any]:
+    """Return the kind of a frame and its parameters, metres and radians."""
+    kind = next(word for word, of in FRAME_KINDS.items() if isinstance(frame, of))
+    stated = {f.name: getattr(frame, f.name) for f in fields(frame) if f.init}
+    of_frame = {n: list(v) if isinstance(v, tuple) else v for n, v in stated.items()}
+    return {"frame": kind, "frame_parameters": of_frame}
+
+
+def frame_of_record(record: Mapping[str, Any]) -> Frame:
+    """Return the frame of a record of `frame_record`."""
+    of_frame = record["frame_parameters"]
+    stated: dict[str, Any] = {
+        n: tuple(v) if isinstance(v, list) else v for n, v in of_frame.items()
+    }
+    return FRAME_KINDS[record["frame"]](**stated)
 
 
 def direction_of(frame: Frame, place: Array, azimuth: float, altitude: float) -> Array:

@@ -74,6 +74,8 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("simulation",),
     ("experiment",),
     ("planning",),
+    # Epoch after epoch of one object: motions, alarms.
+    ("monitoring",),
     # What the stream says is in the units and names of reports.
     ("service",),
     ("cli",),

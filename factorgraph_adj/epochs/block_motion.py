@@ -24,7 +24,7 @@ import numpy as np
 from ..blas_threads import with_one_thread
 from ..errors import DatumError, InputError, Problem, known, taking
 from ..types import Array
-from .comparison_result import Congruence
+from .comparison_result import EpochComparison
 from .congruence_tests import HypothesisTest
 
 MotionModel: TypeAlias = Literal["rigid", "similarity", "affine"]
@@ -86,10 +86,10 @@ class BlockMotion:
         return values[::-1], vectors[:, ::-1].T
 
 
-@taking(Congruence)
+@taking(EpochComparison)
 @with_one_thread
 def block_motion(
-    found: Congruence, points: Sequence[str], *, model: MotionModel = "rigid"
+    found: EpochComparison, points: Sequence[str], *, model: MotionModel = "rigid"
 ) -> BlockMotion:
     """Return the common motion of some points against the stable reference points.
 

@@ -20,7 +20,6 @@ import numpy as np
 
 from ..columns import Columns
 from ..errors import InputError, known
-from ..frames import Frame
 from ..network.network import Network
 from ..quality.error_ellipses import ErrorEllipse, frame_ellipses
 from ..result_display import Rows, Shown
@@ -70,14 +69,13 @@ class ScaleChange:
 
 
 def reference_scale_change(
-    found: Differences, reference: Sequence[str], frame: Frame, scale: UnitVariance, alpha: float
+    found: Differences, reference: Sequence[str], scale: UnitVariance, alpha: float
 ) -> ScaleChange | None:
     """Return the common scale of the reference points; none: nothing determines it.
 
     Args:
         found: the differences of the epochs.
         reference: the reference points.
-        frame: their frame, which knows what is up.
         scale: variance of unit weight.
         alpha: probability of a false alarm of the tests.
     """
@@ -88,7 +86,7 @@ def reference_scale_change(
     axes = ["xyz".index(a) for a in found.axes]
     places = found.places[numbers]
     r = places - places.mean(axis=0)
-    up = frame.basis(places, np.zeros((len(places), 2))).enu[:, 2]
+    up = found.frame.basis(places, np.zeros((len(places), 2))).enu[:, 2]
     flat = r - np.sum(r * up, axis=1, keepdims=True) * up
     g = motion_basis(found.motions[rows])
     w, d = weight_of_differences(found.cofactor[np.ix_(rows, rows)], g), found.d[rows]
@@ -186,11 +184,9 @@ class Displacement:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Congruence(Shown):
-    """Result of the comparison of two epochs."""
+class EpochComparison(Shown):
+    """Result of the comparison of the coordinates of two epochs."""
 
-    solutions: tuple[Solution, ...]
-    """The adjustments: of the first and the second epoch, or of both in one."""
     differences: Differences
     """What was compared."""
     ratio: VarianceRatioTest | None
@@ -214,13 +210,6 @@ class Congruence(Shown):
     """Power of the smallest detectable displacements."""
     scale_change: ScaleChange | None = None
     """A common scale of the reference points of free networks; none: nothing determines it."""
-    alternatives: tuple[str, ...] = ()
-    """Sentences on what may explain the differences instead of displacements."""
-
-    @property
-    def network(self) -> Network:
-        """The network of the first epoch."""
-        return self.solutions[0].network
 
     @property
     def reference(self) -> tuple[str, ...]:
@@ -251,14 +240,8 @@ class Congruence(Shown):
 
     @property
     def fine(self) -> bool:
-        """Whether the adjustments converged, variances agree, and stable and held points fit.
-
-        Both epochs hold the same points, and nothing but displacements explains the differences as
-        well, see `alternatives`.
-        """
-        fine = all(s.converged for s in self.solutions) and not self.held_apart
-        fine &= not self.held_in_one
-        fine &= not self.alternatives
+        """Whether variances agree, stable and held points fit, and both epochs hold the same."""
+        fine = not self.held_apart and not self.held_in_one
         fine &= self.ratio is None or self.ratio.accepted
         # Points that all moved against one another leave no reference: another mistake may be why.
         return fine and (not self.steps or (bool(self.stable) and self.steps[-1].test.accepted))
@@ -274,7 +257,7 @@ class Congruence(Shown):
         """
         every = list(self.displacements.values())
         return frame_ellipses(
-            self.network.frame,
+            self.differences.frame,
             [(x.name, None) for x in every],
             np.array([x.place + x.vector for x in every]).reshape(-1, 3),
             np.array([x.covariance for x in every]).reshape(-1, 3, 3),
@@ -304,13 +287,6 @@ class Congruence(Shown):
             )
         return self.displacements[name]
 
-    def table(self) -> Columns:
-        """Return the displacements as columns; metres."""
-        # Reports are above this module.
-        reports = import_module("factorgraph_adj.report.epochs_report")
-        found: Columns = reports.displacement_frame(self)
-        return found
-
     def headline(self) -> str:
         """Return what moved."""
         points = f"{len(self.displacements)} points of two epochs"
@@ -330,3 +306,35 @@ class Congruence(Shown):
         )
         header = ("point", "dx [mm]", "dy [mm]", "dz [mm]", "T", "critical", "moved")
         return Rows(header, rows, len(self.displacements))
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Congruence(EpochComparison):
+    """Result of the comparison of two epochs by their adjustments."""
+
+    solutions: tuple[Solution, ...]
+    """The adjustments: of the first and the second epoch, or of both in one."""
+    alternatives: tuple[str, ...] = ()
+    """Sentences on what may explain the differences instead of displacements."""
+
+    @property
+    def network(self) -> Network:
+        """The network of the first epoch."""
+        return self.solutions[0].network
+
+    @property
+    def fine(self) -> bool:
+        """Whether the adjustments converged, variances agree, and stable and held points fit.
+
+        Both epochs hold the same points, and nothing but displacements explains the differences as
+        well, see `alternatives`.
+        """
+        converged = all(s.converged for s in self.solutions)
+        return converged and not self.alternatives and super().fine
+
+    def table(self) -> Columns:
+        """Return the displacements as columns; metres."""
+        # Reports are above this module.
+        reports = import_module("factorgraph_adj.report.epochs_report")
+        found: Columns = reports.displacement_frame(self)
+        return found

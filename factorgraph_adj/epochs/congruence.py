@@ -16,8 +16,8 @@ The two epochs are compared in four steps (Pelzer 1971; Niemeier, Ausgleichungsr
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import Literal, NamedTuple
+from dataclasses import fields, replace
+from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -27,7 +27,13 @@ from ..solve.solution import Solution
 from ..statistical_tests import ALPHA_OF_MODEL, POWER_OF_TEST, fisher_quantile
 from ..types import Array, Index
 from .alternative_explanations import alternative_explanations, not_comparable
-from .comparison_result import Congruence, Displacement, VarianceRatioTest, reference_scale_change
+from .comparison_result import (
+    Congruence,
+    Displacement,
+    EpochComparison,
+    VarianceRatioTest,
+    reference_scale_change,
+)
 from .congruence_tests import (
     LocalisationMethod,
     LocalisationStep,
@@ -46,6 +52,7 @@ from .differences import (
     point_roles,
     point_roles_in_one,
 )
+from .epoch_coordinates import EpochCoordinates, SolutionCoordinates
 
 MAX_REPEATED_SEARCHES = 3
 """Largest number of searches after the first one, each with the second epoch moved onto the points
@@ -92,22 +99,75 @@ def congruence(
             on one line the rotation about it.
         AdjustmentError: an adjustment that did not converge has singular normal equations.
     """
-    if not 0 < alpha < power < 1:
-        raise InputError(f"alpha and power must be 0 < alpha < power < 1, not {alpha}, {power}")
+    _refuse_levels(alpha, power)
     options = _Options(method, variance, alpha, power)
     estimated = variance == "pooled"
+
+    def compare(
+        one: Solution,
+        two: Solution | None,
+        others: Mapping[str, str] | None,
+        roles: _Named = (None, None),
+    ) -> Congruence:
+        places = SolutionCoordinates(one), None if two is None else SolutionCoordinates(two)
+        found = _compared(*places, *roles, others, options)
+        of_both = {f.name: getattr(found, f.name) for f in fields(found)}
+        return Congruence(**of_both, solutions=(one,) if two is None else (one, two))
+
     try:
-        found = _compared(first, second, reference, objects, pairs, options)
+        found = compare(first, second, pairs, (reference, objects))
     except SingularError as error:
         solutions = (first,) if second is None else (first, second)
         raise AdjustmentError(not_comparable(solutions, estimated=estimated)) from error
 
-    def compare(one: Solution, two: Solution, others: Mapping[str, str]) -> Congruence:
-        return _compared(one, two, None, None, others, options)
-
     return replace(
         found, alternatives=alternative_explanations(found, compare, estimated=estimated)
     )
+
+
+@with_one_thread
+def compare_epochs(
+    first: EpochCoordinates,
+    second: EpochCoordinates | None = None,
+    *,
+    reference: Sequence[str] | None = None,
+    objects: Sequence[str] | None = None,
+    pairs: Mapping[str, str] | None = None,
+    method: LocalisationMethod = "combinations",
+    variance: Literal["pooled", "a-priori"] = "pooled",
+    alpha: float = ALPHA_OF_MODEL,
+    power: float = POWER_OF_TEST,
+) -> EpochComparison:
+    """Compare the coordinates of two epochs as `congruence` compares their adjustments.
+
+    What needs the observations is not done: no search for other explanations.
+
+    Args:
+        first: the first epoch, or both epochs of one adjustment.
+        second: the second epoch; None: ``first`` has both.
+        reference: as in `congruence`.
+        objects: as in `congruence`.
+        pairs: as in `congruence`.
+        method: as in `congruence`.
+        variance: as in `congruence`.
+        alpha: probability of a false alarm of each test.
+        power: power of the smallest detectable displacements.
+
+    Raises:
+        InputError: as `congruence`.
+        DatumError: as `congruence`.
+    """
+    _refuse_levels(alpha, power)
+    options = _Options(method, variance, alpha, power)
+    return _compared(first, second, reference, objects, pairs, options)
+
+
+def _refuse_levels(alpha: float, power: float) -> None:
+    if not 0 < alpha < power < 1:
+        raise InputError(f"alpha and power must be 0 < alpha < power < 1, not {alpha}, {power}")
+
+
+_Named: TypeAlias = tuple[Sequence[str] | None, Sequence[str] | None]
 
 
 class _Options(NamedTuple):
@@ -120,17 +180,17 @@ class _Options(NamedTuple):
 
 
 def _compared(
-    first: Solution,
-    second: Solution | None,
+    first: EpochCoordinates,
+    second: EpochCoordinates | None,
     reference: Sequence[str] | None,
     objects: Sequence[str] | None,
     pairs: Mapping[str, str] | None,
     options: _Options,
-) -> Congruence:
+) -> EpochComparison:
     """Compare two epochs without a look at what else may explain their differences."""
     method, variance, alpha, power = options
     if second is None:
-        roles = point_roles_in_one(first, reference, objects, pairs)
+        roles = point_roles_in_one(reference, objects, pairs)
     else:
         roles = point_roles(first, second, reference, objects, pairs or {})
     some, others = roles.reference, roles.objects
@@ -156,8 +216,7 @@ def _compared(
                 break
         stable, steps = search.stable, search.steps
     displacements, joint = _displacements(found, some, stable, scale, alpha, power)
-    return Congruence(
-        (first,) if second is None else (first, second),
+    return EpochComparison(
         found,
         None if second is None else _ratio(found, alpha),
         scale,
@@ -168,9 +227,7 @@ def _compared(
         joint,
         alpha,
         power,
-        reference_scale_change(found, some, first.network.frame, scale, alpha)
-        if second is not None
-        else None,
+        reference_scale_change(found, some, scale, alpha) if second is not None else None,
     )
 
 

@@ -20,10 +20,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError, Problem, known
-from ..graph.variables import Variables
+from ..frames import Frame
 from ..rotation import exp_rotation
-from ..solve.solution import Solution, cofactors_at
 from ..types import Array, Index, Mask
+from .epoch_coordinates import EpochCoordinates
 
 MIN_RELATIVE_MOTION = 1e-6
 """Relative size of a motion of d below which it is rounding."""
@@ -64,6 +64,8 @@ class Differences:
     """vᵀPv of each adjustment: of two epochs, or of both in one."""
     redundancy: tuple[int, ...]
     """Redundancy of each adjustment."""
+    frame: Frame
+    """The frame of both epochs."""
 
     def rows(self, names: Sequence[str]) -> Index:
         """Return the rows of d of some points, in the order of the names."""
@@ -74,8 +76,8 @@ class Differences:
 
 
 def differences_between(
-    first: Solution,
-    second: Solution,
+    first: EpochCoordinates,
+    second: EpochCoordinates,
     pairs: Mapping[str, str],
     *,
     onto: Sequence[str] | None = None,
@@ -87,8 +89,8 @@ def differences_between(
     cause, changes their differences by r ε²/2.
 
     Args:
-        first: solution of the first epoch.
-        second: solution of the second epoch.
+        first: the first epoch.
+        second: the second epoch.
         pairs: names in the second epoch by names in the first.
         onto: points by which the second epoch is moved; None: all of them.
 
@@ -96,9 +98,9 @@ def differences_between(
         InputError: points are unknown, or held, or points do not have the same free coordinates;
             the frames differ; the second epoch cannot be moved onto the first.
     """
-    if first.network.frame != second.network.frame:
+    if first.frame != second.frame:
         raise InputError(
-            f"the epochs have different frames: {first.network.frame} and {second.network.frame}; "
+            f"the epochs have different frames: {first.frame} and {second.frame}; "
             "adjust both in one"
         )
     one, two = _places(first, tuple(pairs)), _places(second, tuple(pairs.values()))
@@ -120,26 +122,27 @@ def differences_between(
         _basis(_seven(one.coordinates)[:, free].reshape(-1, 7) @ mixture),
         (first.vtpv, second.vtpv),
         (first.redundancy, second.redundancy),
+        first.frame,
     )
 
 
-def differences_within(solution: Solution, pairs: Mapping[str, str]) -> Differences:
+def differences_within(both: EpochCoordinates, pairs: Mapping[str, str]) -> Differences:
     """Return the differences of pairs of points of one adjustment of both epochs.
 
     Args:
-        solution: the adjustment, in which a point that may have moved is given twice.
+        both: both epochs, in which a point that may have moved is given twice.
         pairs: names of the second places by names of the first.
 
     Raises:
         InputError: as `differences_between`.
     """
-    one, two = _places(solution, tuple(pairs)), _places(solution, tuple(pairs.values()))
+    one, two = _places(both, tuple(pairs)), _places(both, tuple(pairs.values()))
     axes, free = _axes((one, two), pairs)
     d = (two.coordinates - one.coordinates)[:, free].ravel()
-    a, b = one.columns[:, free].ravel(), two.columns[:, free].ravel()
-    both = cofactors_at(solution, np.concatenate([a, b]))
+    a, b = one.numbers[:, free].ravel(), two.numbers[:, free].ravel()
+    q = both.cofactors_of(np.concatenate([a, b]))
     n = len(a)
-    cofactor = both[:n, :n] + both[n:, n:] - both[:n, n:] - both[n:, :n]
+    cofactor = q[:n, :n] + q[n:, n:] - q[:n, n:] - q[n:, :n]
     g = two.motions(free) - one.motions(free)
     size = max(float(np.linalg.norm(two.motions(free))), 1.0)
     # A motion of the whole object turns the differences too, by far less than it moves points.
@@ -152,8 +155,9 @@ def differences_within(solution: Solution, pairs: Mapping[str, str]) -> Differen
         d,
         (cofactor + cofactor.T) / 2.0,
         _basis(open_ones),
-        (solution.vtpv,),
-        (solution.redundancy,),
+        (both.vtpv,),
+        (both.redundancy,),
+        both.frame,
     )
 
 
@@ -161,23 +165,21 @@ def differences_within(solution: Solution, pairs: Mapping[str, str]) -> Differen
 class _EpochPlaces:
     """Points of one epoch."""
 
-    solution: Solution
+    epoch: EpochCoordinates
     names: tuple[str, ...]
     coordinates: Array
-    columns: Index
-    """Columns of the coordinates, (n, 3); −1 for held points."""
+    numbers: Index
+    """Numbers 3·point + axis of the coordinates in the epoch, (n, 3)."""
     free: Mask
     """Flags of free coordinates, (n, 3)."""
 
     def cofactor(self, free: Mask) -> Array:
         """Return Q of the free coordinates (3,) of all points."""
-        return cofactors_at(self.solution, self.columns[:, free].ravel())
+        return self.epoch.cofactors_of(self.numbers[:, free].ravel())
 
     def motions(self, free: Mask) -> Array:
         """Return how the datum defects move the free coordinates, (n k, d)."""
-        rows = self.columns[:, free].ravel()
-        parts = [defect.motions[rows] for defect in self.solution.defects]
-        return np.hstack([np.zeros((len(rows), 0)), *parts])
+        return self.epoch.motions_of(self.numbers[:, free].ravel())
 
     def mixture(self, free: Mask) -> Array:
         """Return the datum defects as mixtures of the seven motions of `_seven`, (7, d)."""
@@ -189,22 +191,17 @@ class _EpochPlaces:
         return np.asarray(np.linalg.lstsq(seven, self.motions(free), rcond=MIN_RELATIVE_MOTION)[0])
 
 
-def _places(solution: Solution, names: tuple[str, ...]) -> _EpochPlaces:
-    table = solution.equations.unknowns["point"]
-    wrong = [n for n in names if n not in table.number]
+def _places(epoch: EpochCoordinates, names: tuple[str, ...]) -> _EpochPlaces:
+    number = {n: i for i, n in enumerate(epoch.names)}
+    wrong = [n for n in names if n not in number]
     if wrong:
         raise InputError(
-            Problem(f"unknown point; known: {known(table.names, meant=n)}", f"point {n!r}")
+            Problem(f"unknown point; known: {known(epoch.names, meant=n)}", f"point {n!r}")
             for n in wrong
         )
-    at = np.array([table.number[n] for n in names], dtype=np.intp)
-    columns = np.where(table.offset[at, None] >= 0, table.offset[at, None] + np.arange(3), -1)
+    at = np.array([number[n] for n in names], dtype=np.intp)
     return _EpochPlaces(
-        solution,
-        names,
-        np.array(solution.state["point"][at]),
-        columns,
-        table.free[at] & (columns >= 0),
+        epoch, names, epoch.coordinates[at], 3 * at[:, None] + np.arange(3), epoch.free[at]
     )
 
 
@@ -321,8 +318,8 @@ class PointRoles:
 
 
 def point_roles(
-    first: Solution,
-    second: Solution,
+    first: EpochCoordinates,
+    second: EpochCoordinates,
     reference: Sequence[str] | None,
     objects: Sequence[str] | None,
     pairs: Mapping[str, str],
@@ -330,8 +327,8 @@ def point_roles(
     """Return what the points of two adjustments are.
 
     Args:
-        first: solution of the first epoch.
-        second: solution of the second epoch.
+        first: the first epoch.
+        second: the second epoch.
         reference: the reference points; None: all points that both epochs determine, without the
             objects.
         objects: the objects; None: without ``reference`` none, and otherwise all other points that
@@ -341,31 +338,29 @@ def point_roles(
     Raises:
         InputError: a point is named as reference and as object; names are no list.
     """
-    one, two = first.equations.unknowns["point"], second.equations.unknowns["point"]
-    later = {n: pairs.get(n, n) for n in one.names}
-    gone = [
-        [x.name for x in s.network.unknowns_left_out if x.kind == "point"] for s in (first, second)
-    ]
+    one, two = ({n: i for i, n in enumerate(e.names)} for e in (first, second))
+    later = {n: pairs.get(n, n) for n in one}
+    gone = first.undetermined, second.undetermined
+    free: list[Mask] = [np.any(e.free, axis=1) for e in (first, second)]
     left_out: dict[str, str] = {}
     both: list[str] = []
     held: dict[str, Array] = {}
     for name, other in later.items():
-        if other not in two.number:
+        if other not in two:
             left_out[name] = LEFT_OUT[1] if other in gone[1] else ONE_EPOCH_ALONE[0]
             continue
-        here, there = _free(one, name), _free(two, other)
-        if here.any() and there.any():
+        here, there = bool(free[0][one[name]]), bool(free[1][two[other]])
+        if here and there:
             both.append(name)
-        elif here.any() or there.any():
-            left_out[name] = HELD_IN_ONE[int(here.any())]
+        elif here or there:
+            left_out[name] = HELD_IN_ONE[int(here)]
         else:
-            place = first.state["point"][one.number[name]]
-            held[name] = second.state["point"][two.number[other]] - place
+            held[name] = second.coordinates[two[other]] - first.coordinates[one[name]]
     reached = set(later.values())
     earlier = {b: a for a, b in pairs.items()}
     left_out |= {
         n: LEFT_OUT[0] if earlier.get(n, n) in gone[0] else ONE_EPOCH_ALONE[1]
-        for n in two.names
+        for n in two
         if n not in reached
     }
     left_out |= {n: LEFT_OUT[0] for n in gone[0] if pairs.get(n, n) in gone[1]}
@@ -383,7 +378,6 @@ def point_roles(
 
 
 def point_roles_in_one(
-    solution: Solution,
     reference: Sequence[str] | None,
     objects: Sequence[str] | None,
     pairs: Mapping[str, str] | None,
@@ -428,7 +422,3 @@ def _listed(what: str, given: Sequence[str] | None) -> tuple[str, ...]:
     if isinstance(given, str):
         raise InputError(f"{what} must be a list of names, not the one name {given!r}")
     return tuple(given or ())
-
-
-def _free(table: Variables, name: str) -> Mask:
-    return np.asarray(table.free[table.number[name]])

@@ -61,8 +61,8 @@ FIELDS = (
 """Fields of a line after the first."""
 OUTCOMES_WITH_FIGURES = ("suspect", "rejected")
 """Outcomes whose lines have the figures of verdicts."""
-THREE_DIGITS, SEVEN_DIGITS = "<f2", "<f4"
-"""Types of the numbers in text: little-endian, of half and of single precision."""
+THREE_DIGITS, SEVEN_DIGITS, ALL_DIGITS = "<f2", "<f4", "<f8"
+"""Types of the numbers in text: little-endian, of half, single and double precision."""
 
 
 def header(network: Network, options: Mapping[str, object]) -> dict[str, Any]:
@@ -444,14 +444,14 @@ def _array(values: Sequence[float | None] | None) -> Array | None:
     return np.array([np.nan if x is None else x for x in values], dtype=float)
 
 
-def packed(a: Array) -> str:
-    """Return numbers as text, with seven digits each."""
-    return b64encode(np.asarray(a, dtype=SEVEN_DIGITS).tobytes()).decode("ascii")
+def packed(a: Array, digits: str = SEVEN_DIGITS) -> str:
+    """Return numbers as text, with seven digits each or with all of them."""
+    return b64encode(np.asarray(a, dtype=digits).tobytes()).decode("ascii")
 
 
-def unpacked(text: str, *shape: int) -> Array:
+def unpacked(text: str, *shape: int, digits: str = SEVEN_DIGITS) -> Array:
     """Return the numbers of a text, in a shape."""
-    return np.frombuffer(b64decode(text), dtype=SEVEN_DIGITS).astype(float).reshape(shape)
+    return np.frombuffer(b64decode(text), dtype=digits).astype(float).reshape(shape)
 
 
 def packed_symmetric(a: Array) -> tuple[float, str]:

@@ -6,14 +6,14 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from ..crs.reference_system import ReferenceSystem
 from ..epochs.block_motion import BlockMotion
-from ..frames import Frame, GeocentricFrame, LocalFrame
+from ..frames import frame_record
 from ..graph.variables import camera_of_calibration
 from ..quality.rejections import Rejected, Snooping, Unresolved
 from ..statistical_tests import global_test
@@ -112,15 +112,6 @@ def results_record(report: Report) -> dict[str, Any]:
         **({"relative": as_json(lines_table(report))} if report.lines else {}),
         "observations": as_json_columns(observation_table(report)),
     }
-
-
-def frame_record(frame: Frame) -> dict[str, Any]:
-    """Return the kind of a frame and its parameters, metres and radians."""
-    kind = "local" if isinstance(frame, LocalFrame) else "topocentric"
-    kind = "geocentric" if isinstance(frame, GeocentricFrame) else kind
-    stated = {f.name: getattr(frame, f.name) for f in fields(frame) if f.init}
-    of_frame = {n: list(v) if isinstance(v, tuple) else v for n, v in stated.items()}
-    return {"frame": kind, "frame_parameters": of_frame}
 
 
 def system_record(system: ReferenceSystem) -> dict[str, Any]:

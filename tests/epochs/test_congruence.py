@@ -16,6 +16,7 @@ from factorgraph_adj.epochs.congruence_tests import (
     weight_of_differences,
 )
 from factorgraph_adj.epochs.differences import differences_between
+from factorgraph_adj.epochs.epoch_coordinates import SolutionCoordinates
 from factorgraph_adj.errors import DatumError, InputError
 from tests.networks.epochs import PLACES, detectable_shift, epoch, rates, solved
 from tests.support.places import data_dir
@@ -106,9 +107,15 @@ def _fields(o):
     return {f.name: getattr(o, f.name) for f in fields(o)}
 
 
+def differences_of(first, second):
+    """Return the differences of all points of two adjustments."""
+    places = SolutionCoordinates(first), SolutionCoordinates(second)
+    return differences_between(*places, {n: n for n in PLACES})
+
+
 def test_gauss_decomposition():
     """T of a set of points is Ω of all less Ω of the others."""
-    found = differences_between(solved(5), solved(6, {"D": (0.01, 0.0)}), {n: n for n in PLACES})
+    found = differences_of(solved(5), solved(6, {"D": (0.01, 0.0)}))
     d, q, g = found.d, found.cofactor, found.motions
     w = weight_of_differences(q, g)
     for some in (["D"], ["A", "P"], ["B", "C", "E"]):
@@ -142,7 +149,7 @@ def test_points_that_move_together_do_not_smear():
 
 def test_the_robust_transformation_has_the_smallest_sum_of_lengths():
     together = dict.fromkeys(("A", "E"), (0.02, 0.015))
-    found = differences_between(solved(11), solved(12, together), {n: n for n in PLACES})
+    found = differences_of(solved(11), solved(12, together))
     moves, q = robust_differences(found, tuple(PLACES))
 
     def total(d):

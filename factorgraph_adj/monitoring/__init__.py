@@ -1,0 +1,1 @@
+"""Epoch after epoch of one object: what moves, how fast, and when to raise an alarm."""
