@@ -694,15 +694,17 @@ def observed_at(equations: Equations, turned: float) -> Equations:
     return replace(equations, blocks=tuple(blocks))
 
 
-def add_frames(network: Network, origin: tuple[float, float, float]) -> None:
+def add_frames(network: Network, origin: tuple[float, float, float], *, size: float = 20.0) -> None:
     """Add a frame with a constant origin and, at the point i if there is one, two others.
 
-    A deformation is added too.
+    A deformation is added too. Shifts and deformations are parts of ``size``, metres.
     """
     every = ("rx", "ry", "rz", "x", "y", "z", "ln_scale")
-    values = dict(zip(every, (0.4, -0.7, 1.1, 3.0, -5.0, 2.0, 0.2), strict=True))
+    shift = (0.15 * size, -0.25 * size, 0.1 * size)
+    values = dict(zip(every, (0.4, -0.7, 1.1, *shift, 0.2), strict=True))
     network.add_frame("body", free=every, values=values, origin=origin)
-    bent = dict(zip(DEFORMATIONS, np.linspace(-2.0, 3.0, len(DEFORMATIONS)).tolist(), strict=True))
+    bends = size * np.linspace(-0.1, 0.15, len(DEFORMATIONS))
+    bent = dict(zip(DEFORMATIONS, bends.tolist(), strict=True))
     network.set_model_deformation("film", free=DEFORMATIONS, values=bent)
     if "i" in network.points:
         network.add_frame("tripod", free=every, values=values, origin="i", level=True)
@@ -902,8 +904,10 @@ def image_equations(lens_name: str, view: View) -> tuple[Equations, Array]:
         network.add_point(f"P{n}", centre + rotation @ (view.depth * ray))
         seen.append((x + camera.values["x0"], y + camera.values["y0"]))
     network.add_image_points("f", list(network.points), np.array(seen), sigma=0.005)
-    add_frames(network, (25.0, -10.0, 5.0))
-    for more in ({}, {"deformation": "film", "base": 20.0}):
+    # Frames, deformations and their bases are as long as the view: so are the steps of the photo.
+    beside = centre + view.depth * np.array([-0.25, 0.1, -0.15])
+    add_frames(network, tuple(beside.tolist()), size=view.depth)
+    for more in ({}, {"deformation": "film", "base": view.depth}):
         at = (0.0, 0.0, 0.0)
         network.add(o.FrameCoordinate("body", None, at, photo="f", covariance=COVARIANCE, **more))
     equations = compile_network(network)
@@ -952,7 +956,7 @@ def _image_steps(
         "frame": (1e-3,) * 3 + (1e-3 * view.depth,) * 3 + (1e-3,),
         "mount": (1e-3,) * 3 + (1e-2,) * 3,
         "edm": (1e-3, 1e-2),
-        "model_deformation": (1e-2,),
+        "model_deformation": (5e-4 * view.depth,),
         "calibration": (
             *(along := share * radius / np.where(largest > 0, largest, 1.0))[:3],
             *np.minimum(along[3:], camera.longest),
