@@ -76,6 +76,8 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("planning",),
     # Epoch after epoch of one object: motions, alarms.
     ("monitoring",),
+    # Lines of instruments become records of the stream protocol.
+    ("instruments",),
     # What the stream says is in the units and names of reports.
     ("service",),
     ("cli",),
@@ -102,6 +104,7 @@ EXTRAS = {
     "jinja2": ("report",),
     "plotly": ("report",),
     "itables": ("report",),
+    "serial": ("instruments",),
 }
 """Optional; imported when they are needed, and where."""
 

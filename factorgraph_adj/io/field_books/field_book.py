@@ -68,6 +68,12 @@ class SetUp:
     """Targets whose directions were read."""
     backsights: list[tuple[int, str, float, float | None, int | None]] = field(default_factory=list)
     """Line, target, circle reading, target height and face of records of backsights."""
+    taken: int = 0
+    """Number of its first rounds whose observations were taken, see `FieldBook.take_set`."""
+
+    def set_name(self, number: int) -> str:
+        """Return the name of the set of directions of a round, from 0."""
+        return self.number if number == 0 else f"{self.number}.{number + 1}"
 
 
 class FieldBook:
@@ -178,7 +184,7 @@ class FieldBook:
         face: int | None = None,
         stated: StatedSigmas = NO_SIGMAS,
         coordinates: tuple[float, float, float] | None = None,
-    ) -> None:
+    ) -> int | None:
         """Note the readings of one target in one face of the present set-up, SI units.
 
         A sight without any reading, or to the name of the station, is left out, and counted.
@@ -195,6 +201,9 @@ class FieldBook:
             stated: standard deviations of the file.
             coordinates: coordinates of the target that the file has beside the readings; they are
                 approximate ones, and those of three targets give a station that no record states.
+
+        Returns:
+            Number of the round, from 0, of circle readings and slope distance; None: of none.
         """
         at, given = self.current, coordinates or UNKNOWN_COORDINATES
         if self.zero_is_unmeasured:
@@ -202,25 +211,25 @@ class FieldBook:
         if direction is None and zenith is None and distance is None and horizontal is None:
             if target:
                 self.source.leave_out(line, WITHOUT_READING, target)
-            return
+            return None
         if at is None:
             read_values = {"direction": direction, "zenith": zenith, "distance": distance}
             read_values |= {"horizontal": horizontal, "target_height": target_height}
             self.unnamed.add(line, target, given, **read_values, face=face, stated=stated)
-            return
+            return None
         if target and target == at.station:
             self.source.leave_out(line, OWN_TARGETS, target)
-            return
+            return None
         if target and given != UNKNOWN_COORDINATES:
             self.point(line, target, *given, agree=False)
         if not at.station or not target:
-            return  # what is no name has been noted
+            return None  # what is no name has been noted
         self.point(line, target)
         self.sighted |= {at.station, target}
         target_height = target_height or 0.0
         read = (direction, zenith, distance, horizontal, target_height, at.height)
         if self.source.problems.count and any(v is not None and math.isnan(v) for v in read):
-            return  # what is no number has been noted
+            return None  # what is no number has been noted
         if face is None:
             face = 2 if zenith is not None and zenith > math.pi else 1
         place = self.source.place(line)
@@ -244,18 +253,23 @@ class FieldBook:
                 at.horizontals.append((len(self.others), found))
                 self.others.append(found)
         if direction is None and zenith is None and distance is None:
-            return
+            return None
         if direction is not None:
             at.oriented.add(target)
         rounds = at.rounds[target]
+        rounds += [{} for _ in range(at.taken - len(rounds))]
         number = next(
-            (i for i, r in enumerate(rounds) if face not in r and target_height in r.values()),
+            (
+                i
+                for i, r in enumerate(rounds)
+                if i >= at.taken and face not in r and target_height in r.values()
+            ),
             len(rounds),
         )
         if number == len(rounds):
             rounds.append({})
         rounds[number][face] = target_height
-        name = at.number if number == 0 else f"{at.number}.{number + 1}"
+        name = at.set_name(number)
         reading = FaceReading(
             station=at.station,
             target=target,
@@ -269,6 +283,7 @@ class FieldBook:
         )
         at.sets.add(name)
         self.readings.setdefault((at.station, name), []).append((line, reading, stated))
+        return number
 
     def backsight(
         self,
@@ -320,6 +335,19 @@ class FieldBook:
             ),
         )
         self.others += [found] if found is not None else []
+
+    def take_set(self, number: int) -> ReducedFaces | None:
+        """Return the observations of a round of the present set-up, and forget its readings.
+
+        Later readings belong to rounds after it. None: it has no readings, or problems.
+        """
+        at = self.current
+        if at is None or number < at.taken:
+            return None
+        at.taken = number + 1
+        name = at.set_name(number)
+        found = self.readings.pop((at.station, name), None)
+        return None if found is None else self._reduced((at.station, name), found)
 
     # -- the network ------------------------------------------------------------------------------
 

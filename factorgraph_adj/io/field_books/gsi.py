@@ -13,7 +13,7 @@ from ...errors import known
 from ...network.network import Network
 from ..format_options import option_text
 from ..format_reader import NetworkReader, Reader
-from ..source import NOTES, TextSource
+from ..source import NOTES, Source, TextSource
 from .accuracies import DEFAULT_ACCURACIES, Accuracies
 from .field_book import FieldBook
 from .field_records import NEEDED, RecordField, read_record
@@ -138,23 +138,18 @@ def read_gsi(
     levelling, codes = GsiLevel(book), dict[str, bool]()
     for block in gsi_blocks(source):
         line, (index, word) = block.line, block.words[0]
-        for i, remark in block.words:
-            if i in REMARKS and not is_missing(remark) and text_of(remark) != "0":
-                source.leave_out(line, NOTES, text_of(remark))
+        leave_out_remarks(source, block)
         if index == "41" and "?" in word:
             levelling.begin(line, word)
         elif index == "41":
             codes[text_of(word)] = True
-            if text_of(word) == str(station_code):
-                words = dict(reversed(block.words))
-                of = read_record(CODE_FIELDS, words, source, line, unread=KNOWN_WORDS)
-                book.begin(line, **of)
+            read_code(book, block, station_code)
         elif index != "11":
             source.wrong(line, f"a block must begin with word 11 or 41, not {index}")
         else:
             name = read_text(source.field(line, word, "word 11, the point,"))
             if not levelling.takes(block, name):
-                _read_block(book, block, name)
+                read_block(book, block, name)
     levelling.end()
     hint = ": no block before has words 84-86 or 88"
     if codes:
@@ -164,7 +159,22 @@ def read_gsi(
     return book.network(hint=hint)
 
 
-def _read_block(book: FieldBook, block: GsiBlock, name: str) -> None:
+def leave_out_remarks(source: Source, block: GsiBlock) -> None:
+    """Count the remarks of a block."""
+    for index, word in block.words:
+        if index in REMARKS and not is_missing(word) and text_of(word) != "0":
+            source.leave_out(block.line, NOTES, text_of(word))
+
+
+def read_code(book: FieldBook, block: GsiBlock, station_code: str | int | None) -> None:
+    """Begin a set-up where the code of a block says so."""
+    if text_of(block.words[0][1]) == str(station_code):
+        words = dict(reversed(block.words))
+        of = read_record(CODE_FIELDS, words, book.source, block.line, unread=KNOWN_WORDS)
+        book.begin(block.line, **of)
+
+
+def read_block(book: FieldBook, block: GsiBlock, name: str) -> None:
     """Note the sight, the station or the point of a block."""
     source, line, words = book.source, block.line, dict[str, str]()
     for index, word in reversed(block.words):

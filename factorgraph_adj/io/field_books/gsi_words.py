@@ -67,26 +67,31 @@ class GsiBlock:
 def gsi_blocks(source: TextSource) -> Iterator[GsiBlock]:
     """Iterate over the blocks of a file; what is not GSI is noted as a problem."""
     for line, text in source.numbered():
-        block: GsiBlock | None = None
-        rest = text.strip("\x1a\x00").lstrip()
-        size = 16 if rest.startswith("*") else 8
-        rest = rest.removeprefix("*")
-        while rest.strip():
-            word, rest = rest[: 7 + size], rest[7 + size :].removeprefix(" ")
-            match = GSI_WORD_PATTERN.fullmatch(word)
-            if match is None or (rest and len(word) < 7 + size):
-                what = f"{word[:24]!r} is not a word of GSI: two digits, four characters, a sign"
-                source.wrong(line, f"{what} and {size} characters, such as 21.322+16901313")
-                break
-            if block is None or match[1] in ("11", "41"):
-                if block is not None:
-                    yield block
-                block = GsiBlock(line, [])
-            info = match[2].replace(" ", ".")
-            index = match[1] + info[0] * (match[1] in THREE_DIGIT_INDICES and info[0].isdigit())
-            block.words.append((index, info + match[3]))
-        if block is not None:
-            yield block
+        yield from blocks_of_line(source, line, text)
+
+
+def blocks_of_line(source: Source, line: int, text: str) -> Iterator[GsiBlock]:
+    """Iterate over the blocks of a line; what is not GSI is noted as a problem."""
+    block: GsiBlock | None = None
+    rest = text.strip("\x1a\x00").lstrip()
+    size = 16 if rest.startswith("*") else 8
+    rest = rest.removeprefix("*")
+    while rest.strip():
+        word, rest = rest[: 7 + size], rest[7 + size :].removeprefix(" ")
+        match = GSI_WORD_PATTERN.fullmatch(word)
+        if match is None or (rest and len(word) < 7 + size):
+            what = f"{word[:24]!r} is not a word of GSI: two digits, four characters, a sign"
+            source.wrong(line, f"{what} and {size} characters, such as 21.322+16901313")
+            break
+        if block is None or match[1] in ("11", "41"):
+            if block is not None:
+                yield block
+            block = GsiBlock(line, [])
+        info = match[2].replace(" ", ".")
+        index = match[1] + info[0] * (match[1] in THREE_DIGIT_INDICES and info[0].isdigit())
+        block.words.append((index, info + match[3]))
+    if block is not None:
+        yield block
 
 
 def text_of(word: str) -> str:

@@ -1,0 +1,319 @@
+"""Mapping of an instrument to a network: the tables [[instrument]] of a site file.
+
+    [[instrument]]
+    name = "ts1"                       # of the instrument, in requests, sets and health
+    network = "dam"
+    source = "tcp://10.0.0.5:4001"     # see `line_sources`
+    grammar = "gsi-online"             # see `grammars`; its options are further keys
+    station = "P1"                     # where no line states the station
+    instrument_height = 1.534          # m, where no line states it
+    post = "sets"                      # or "sights": every sight at once
+    targets = ["D1", "D2"]             # a set ends when these are read in all faces
+    faces = 2                          # faces of a target in a set
+    set_pause = "10 min"               # pause that ends a set, whatever it lacks
+    distance_meter = "edm"             # name in the network of scale and zero of distances
+    refraction = "ts1"                 # name in the network of the coefficient of refraction
+    only_targets = false               # true: sights of other targets are left out
+    clock = "instrument"               # or "receipt"; default: that of the lines if they have one
+    utc_offset = "1 h"                 # clock of the instrument minus UTC
+    clock_tolerance = "5 s"
+    late_after = "2 min"
+    silent_after = "30 min"
+    doubled_within = "2 s"
+    [instrument.rename]                # names of the instrument = names of the network
+    "101" = "D1"
+    [instrument.prisms]                # mm, added to distances as they come, by name of the network
+    default = 0.0
+    D1 = -17.5
+    [instrument.target_heights]        # m, where no line states them
+    default = 0.0
+    [instrument.accuracies]            # the fields of `factorgraph_adj.Accuracies`
+    sigma_direction_mgon = 0.3
+    [instrument.atmosphere]            # first velocity correction, see `distance_corrections`
+    wavelength_nm = 658
+    reference_index = 1.0002863
+    temperature_c = 15.0
+    pressure_hpa = 950.0
+    humidity_percent = 60
+    sensor = "weather"                 # an instrument whose lines have temperature and pressure
+    max_age = "30 min"
+
+Durations are texts with the units s, min, h, d, or numbers of seconds.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+from ..errors import InputError, Problem, known
+from ..io.csv_tables import FieldRow
+from ..io.field_books.accuracies import DEFAULT_ACCURACIES, Accuracies
+from ..io.format_options import fitting_options
+from .distance_corrections import AtmosphereSettings
+from .grammars import Grammar, grammar_record
+from .line_sources import LineSource, line_source
+
+ClockChoice = Literal["instrument", "receipt"]
+PostChoice = Literal["sets", "sights"]
+DURATION_UNITS = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
+"""Seconds of the units of durations."""
+MAX_DURATION_S = 400 * 86400.0
+DEFAULT = "default"
+"""Key of [instrument.prisms] and [instrument.target_heights] for all other targets."""
+_DURATION = re.compile(r"([+-]?[0-9]+(?:\.[0-9]+)?)\s*(s|min|h|d)")
+
+
+@dataclass(frozen=True)
+class ByTarget:
+    """A length for each target, metres."""
+
+    default: float | None = None
+    """That of targets which have none of their own."""
+    own: Mapping[str, float] = field(default_factory=dict)
+    """By name of the network."""
+
+    def of(self, target: str) -> float:
+        """Return that of a target; 0 without any."""
+        return self.own.get(target, self.default or 0.0)
+
+
+@dataclass(frozen=True)
+class InstrumentSettings:
+    """One table [[instrument]]; times in seconds, lengths in metres."""
+
+    name: str
+    network: str
+    source: str
+    grammar: str
+    options: Mapping[str, Any] = field(default_factory=dict)
+    """Options of the grammar."""
+    folder: Path = Path()
+    """Folder of the site file."""
+    station: str | None = None
+    instrument_height: float | None = None
+    post: PostChoice = "sets"
+    targets: tuple[str, ...] = ()
+    only_targets: bool = False
+    faces: int = 2
+    set_pause: float = 600.0
+    distance_meter: str | None = None
+    refraction: str | None = None
+    clock: ClockChoice = "instrument"
+    utc_offset: float = 0.0
+    clock_tolerance: float = 5.0
+    late_after: float = 120.0
+    silent_after: float = 1800.0
+    doubled_within: float = 2.0
+    rename: Mapping[str, str] = field(default_factory=dict)
+    prisms: ByTarget = field(default_factory=ByTarget)
+    target_heights: ByTarget = field(default_factory=ByTarget)
+    accuracies: Accuracies = DEFAULT_ACCURACIES
+    atmosphere: AtmosphereSettings | None = None
+
+    def make_source(self) -> LineSource:
+        """Return the source."""
+        return line_source(self.source, self.folder)
+
+    def make_grammar(self) -> Grammar:
+        """Return a parser."""
+        return grammar_record(self.grammar).make(**self.options)
+
+
+DURATIONS = (
+    *("set_pause", "utc_offset", "clock_tolerance", "late_after", "silent_after"),
+    "doubled_within",
+)
+SECTIONS = ("rename", "prisms", "target_heights", "accuracies", "atmosphere")
+
+
+def duration(text: object) -> float:
+    """Return seconds.
+
+    >>> duration("10 min"), duration(2.5)
+    (600.0, 2.5)
+
+    Raises:
+        ValueError: the text is no duration.
+    """
+    if isinstance(text, int | float) and not isinstance(text, bool):
+        found = float(text)
+    else:
+        match = _DURATION.fullmatch(text.strip()) if isinstance(text, str) else None
+        if match is None:
+            raise ValueError(f"must be a duration such as '10 min', '2 s' or '1 d', not {text!r}")
+        found = float(match[1]) * DURATION_UNITS[match[2]]
+    if not abs(found) <= MAX_DURATION_S:
+        raise ValueError(f"must be at most 400 days, not {text!r}")
+    return found
+
+
+def read_instruments(
+    tables: object, *, where: str, folder: Path = Path(), networks: Sequence[str] | None = None
+) -> list[InstrumentSettings]:
+    """Return the instruments of a site file.
+
+    Args:
+        tables: value of ``instrument`` in the document.
+        where: name of the file; `factorgraph_adj.io.text_files.TomlPlaces` gives the lines.
+        folder: folder of the file.
+        networks: names of the networks of the site; None: any.
+
+    Raises:
+        InputError: all problems of all tables.
+    """
+    problems: list[Problem] = []
+    if tables is None:
+        return []
+    if not isinstance(tables, list) or not all(isinstance(t, dict) for t in tables):
+        raise InputError(Problem("instruments must be tables [[instrument]]", where))
+    out: list[InstrumentSettings] = []
+    for number, table in enumerate(tables, 1):
+        row = FieldRow(table, where, problems, f"[[instrument]] {table.get('name', number)!r}")
+        found = _instrument(row, folder, networks)
+        if found is not None and any(found.name == other.name for other in out):
+            row.wrong(f"the name {found.name!r} stands twice")
+        out += [found] if found is not None else []
+    names = [s.name for s in out]
+    for s in out:
+        if s.atmosphere is not None and s.atmosphere.sensor not in (None, *names):
+            row = FieldRow({}, where, problems, f"[[instrument]] {s.name!r}")
+            row.wrong(
+                f"sensor: there is no instrument {s.atmosphere.sensor!r}; known: "
+                f"{known(names, meant=s.atmosphere.sensor)}"
+            )
+    if problems:
+        raise InputError(problems)
+    return out
+
+
+def _instrument(
+    row: FieldRow, folder: Path, networks: Sequence[str] | None
+) -> InstrumentSettings | None:
+    """Return one table; None after problems, which are noted in the row."""
+    out: dict[str, Any] = {"folder": folder}
+    for name in ("name", "network", "source", "grammar"):
+        out[name] = row.text(name, required=True) or ""
+    if out["network"] and networks is not None and out["network"] not in networks:
+        valid = known(networks, meant=out["network"])
+        row.wrong(f"network: there is no network {out['network']!r}; known: {valid}")
+    for name in ("station", "distance_meter", "refraction"):
+        out[name] = row.text(name)
+    out["instrument_height"] = row.number("instrument_height")
+    out["post"] = row.choice("post", get_args(PostChoice), "sets")
+    out["clock"] = row.choice("clock", get_args(ClockChoice), "instrument")
+    out["only_targets"] = row.flag("only_targets")
+    if (faces := row.take("faces")) is not None:
+        out["faces"] = faces
+        if isinstance(faces, bool) or faces not in (1, 2):
+            row.wrong(f"faces must be 1 or 2, not {faces!r}")
+    for name in DURATIONS:
+        if (text := row.take(name)) is not None:
+            try:
+                out[name] = duration(text)
+                if out[name] < 0 and name != "utc_offset":
+                    row.wrong(f"{name} must not be negative")
+            except ValueError as error:
+                row.wrong(f"{name} {error}")
+    out["targets"] = _names(row, "targets")
+    if out["only_targets"] and not out["targets"]:
+        row.wrong("only_targets needs targets")
+    sections = {name: _section(row, name) for name in SECTIONS}
+    out["rename"] = _renamed(row, sections["rename"])
+    out["prisms"] = _by_target(row, sections["prisms"], "prisms", "mm")
+    out["target_heights"] = _by_target(row, sections["target_heights"], "target_heights", "m")
+    out["accuracies"] = _accuracies(row, sections["accuracies"])
+    if row.take("atmosphere") is not None:
+        inner = FieldRow(sections["atmosphere"], row.where, row.problems, f"{row.of}: atmosphere")
+        out["atmosphere"] = AtmosphereSettings.read(inner, duration)
+    out["options"] = _grammar_options(row, out["grammar"])
+    if out["source"]:
+        _noting(row, "source: ", lambda: line_source(out["source"], folder))
+    return None if row.failed else InstrumentSettings(**out)
+
+
+def _noting(row: FieldRow, before: str, make: Any) -> Any:
+    """Return what a function makes; None after an InputError, whose problems are noted."""
+    try:
+        return make()
+    except InputError as error:
+        for p in error.problems:
+            row.wrong(f"{before}{p.where + ': ' * bool(p.where)}{p.what}")
+        return None
+
+
+def _grammar_options(row: FieldRow, word: str) -> dict[str, Any]:
+    """Return the options of the grammar: the keys that nothing else has taken."""
+    left = row.left()
+    record = _noting(row, "", lambda: grammar_record(word)) if word else None
+    if record is None:
+        return {}
+    own = {f.name for f in fields(InstrumentSettings)} - {"options", "folder"}
+    for key in left:
+        if key not in record.options:
+            valid = known(sorted({*own, *record.options}), meant=key, most=60)
+            row.wrong(f"unknown key {key!r}; valid: {valid}")
+    given = {key: row.take(key) for key in left if key in record.options}
+    options = _noting(
+        row,
+        "",
+        lambda: fitting_options(record.make, given, doing=f"grammar {word}", where=""),
+    )
+    if options is not None:
+        _noting(row, "", lambda: record.make(**options))
+    return options or {}
+
+
+def _section(row: FieldRow, name: str) -> dict[str, Any]:
+    found = row.take(name)
+    if found is not None and not isinstance(found, dict):
+        row.wrong(f"{name} must be a table [instrument.{name}]")
+    return found if isinstance(found, dict) else {}
+
+
+def _names(row: FieldRow, name: str) -> tuple[str, ...]:
+    found = row.take(name)
+    if found is None:
+        return ()
+    if not isinstance(found, list) or not all(isinstance(n, str) and n for n in found):
+        row.wrong(f'{name} must be a list of names such as ["A", "B"], not {found!r}')
+        return ()
+    twice = sorted({n for n in found if found.count(n) > 1})
+    if twice:
+        row.wrong(f"{name}: {known(twice)} more than once")
+    return tuple(found)
+
+
+def _renamed(row: FieldRow, given: Mapping[str, object]) -> dict[str, str]:
+    """Return the names of the network by those of the instrument; no two become one."""
+    first: dict[str, str] = {}
+    for name, new in given.items():
+        if not isinstance(new, str) or not new:
+            row.wrong(f"rename: {name} must become a name, not {new!r}")
+        elif new in first:
+            row.wrong(f"rename: {first[new]!r} and {name!r} both become {new!r}")
+        else:
+            first[new] = name
+    return {name: new for new, name in first.items()}
+
+
+def _by_target(row: FieldRow, given: Mapping[str, object], name: str, unit: str) -> ByTarget:
+    inner = FieldRow(given, row.where, row.problems, f"{row.of}: {name}")
+    values = {key: inner.number(key, unit) for key in given}
+    found = {key: v for key, v in values.items() if v is not None}
+    return ByTarget(found.pop(DEFAULT, None), found)
+
+
+def _accuracies(row: FieldRow, given: Mapping[str, Any]) -> Accuracies:
+    valid = [f.name for f in fields(Accuracies) if f.name != "refraction"]
+    for key in given:
+        if key == "refraction":
+            row.wrong("accuracies: refraction is of the network, not of an instrument")
+        elif key not in valid:
+            row.wrong(f"accuracies: unknown key {key!r}; valid: {known(valid, meant=key)}")
+    stated = {k: v for k, v in given.items() if k in valid}
+    found = _noting(row, "accuracies: ", lambda: Accuracies(**stated))
+    return DEFAULT_ACCURACIES if found is None else found

@@ -1,0 +1,209 @@
+"""Sets of sights in two faces, formed while they come, and their observations.
+
+Readings of a set-up are gathered and reduced by a `FieldBook`, as those of a file are: the same
+rounds, means of faces, index and collimation errors, doubts and standard deviations. A round is
+posted as one set
+
+- when each of ``targets`` was read in all faces;
+- without ``targets``, when a later reading begins another round and every target of this one was
+  read in all faces, or begins the round after that;
+- when nothing was read for ``set_pause``, the instrument moves to another station, or its lines
+  end.
+
+A target that is read afterwards belongs to a later set. With ``post = "sights"`` each sight is
+reduced and posted alone, with the orientation unknown of its set-up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from ..errors import InputError, Problem
+from ..io.field_books.field_book import FieldBook
+from ..io.source import Source
+from ..observations import Observation
+from .instrument_settings import InstrumentSettings
+from .message_rules import iso
+from .readings import ReceivedLine, Sight
+
+
+@dataclass
+class ReadingSet:
+    """Lines of a set, and when they were measured."""
+
+    first: float
+    """Measurement of its first sight, seconds since 1970 UTC."""
+    stamped: bool
+    """Whether that is a time of the instrument."""
+    last: float
+    lines: list[ReceivedLine] = field(default_factory=list)
+    faces: dict[str, int] = field(default_factory=dict)
+    """Number of sights by target."""
+
+
+@dataclass(frozen=True)
+class FormedSet:
+    """The observations of a set."""
+
+    observations: tuple[Observation, ...]
+    doubts: tuple[Problem, ...]
+    """Targets whose faces do not agree."""
+    of: ReadingSet
+
+    @property
+    def time(self) -> float:
+        """The middle of the measurements, seconds since 1970 UTC."""
+        return 0.5 * (self.of.first + self.of.last)
+
+
+class SetFormation:
+    """The present set-up of an instrument, and its sets that are not complete."""
+
+    def __init__(self, settings: InstrumentSettings) -> None:
+        """Start on the station of the mapping, if it states one."""
+        self.settings = settings
+        self.station = settings.station
+        self.height = settings.instrument_height
+        self.since: float | None = None
+        """Measurement of the first sight of the set-up."""
+        self.sets: dict[int, ReadingSet] = {}
+        """Open sets by number of their round."""
+        self._book: FieldBook | None = None
+
+    def occupy(self, station: str, height: float | None) -> Iterator[FormedSet]:
+        """Move to a station; yield the sets of the station before."""
+        yield from self.finish()
+        if height is None and station == self.station:
+            height = self.height
+        elif height is None:
+            height = self.settings.instrument_height
+        self.station, self.height, self._book, self.since = station, height, None, None
+
+    def set_height(self, height: float) -> None:
+        """Give the height of the instrument.
+
+        Raises:
+            InputError: it changes within the set-up.
+        """
+        self._begun_book(0.0)
+        self._book_of_set_up().set_height(0, height)
+        self._raise()
+        self.height = height
+
+    def sight(self, line: ReceivedLine, sight: Sight, time: float) -> Iterator[FormedSet]:
+        """Take a sight; yield the sets that it completes.
+
+        Args:
+            line: its line.
+            sight: with the names of the network, and its corrected distance.
+            time: of the measurement.
+
+        Raises:
+            InputError: its readings are not valid, or it has no station.
+        """
+        if self.sets and time - max(s.last for s in self.sets.values()) > self.settings.set_pause:
+            yield from self.finish()
+        self._begun_book(time)
+        of_sight: dict[str, Any] = {
+            n: getattr(sight, n)
+            for n in ("direction", "zenith", "distance", "horizontal", "target_height", "face")
+        }
+        book = self._book_of_set_up()
+        number = book.sight(line.number, sight.target, **of_sight)
+        try:
+            self._raise()
+        except InputError:
+            self._forget()
+            raise
+        if number is None:
+            number = max(self.sets, default=book.current.taken if book.current else 0)
+        of = self.sets.setdefault(number, ReadingSet(time, sight.stamped is not None, time))
+        of.last = max(of.last, time)
+        if not of.lines or of.lines[-1] is not line:
+            of.lines.append(line)
+        of.faces[sight.target] = of.faces.get(sight.target, 0) + 1
+        for n in sorted(self.sets):
+            if self._is_complete(n):
+                yield from self._take(n)
+
+    def pause(self, now: float) -> Iterator[FormedSet]:
+        """Yield the sets that a pause ends; ``now``: seconds since 1970 UTC."""
+        if self.sets and now - max(s.last for s in self.sets.values()) > self.settings.set_pause:
+            yield from self.finish()
+
+    def finish(self) -> Iterator[FormedSet]:
+        """Yield all sets that are open."""
+        for n in sorted(self.sets):
+            yield from self._take(n)
+
+    # -- rounds -----------------------------------------------------------------------------------
+
+    def _book_of_set_up(self) -> FieldBook:
+        assert self._book is not None
+        return self._book
+
+    def _begun_book(self, time: float) -> None:
+        """Begin the book of the set-up."""
+        if self.station is None:
+            raise InputError(
+                "no line before it states the station: give station = NAME in [[instrument]]"
+            )
+        if self._book is None:
+            source = Source(Path(self.settings.name))
+            self._book = FieldBook(source, self.settings.accuracies)
+            self._book.begin(0, self.station, self.height)
+        if self.since is None and time:
+            self.since = time
+
+    def _raise(self) -> None:
+        """Raise what the book has noted."""
+        problems = self._book_of_set_up().source.problems
+        found = [Problem(p.what) for p in problems.ordered()]
+        if found:
+            problems.problems.clear()
+            raise InputError(found)
+
+    def _forget(self) -> None:
+        """Begin another book after a problem if it has no readings of open sets."""
+        if not self.sets:
+            self._book = None
+
+    def _is_complete(self, number: int) -> bool:
+        """Return whether nothing more belongs to a set."""
+        if self.settings.post == "sights":
+            return True
+        faces, of = self.settings.faces, self.sets[number]
+        if self.settings.targets:
+            return all(of.faces.get(t, 0) >= faces for t in self.settings.targets)
+        later = max(self.sets) - number
+        return later > 1 or (later == 1 and all(n >= faces for n in of.faces.values()))
+
+    def _take(self, number: int) -> Iterator[FormedSet]:
+        """Yield the observations of a set, and end it with those before."""
+        of = self.sets.pop(number)
+        book = self._book_of_set_up()
+        reduced = book.take_set(number)
+        others, book.others = book.others, []
+        if book.current is not None:
+            book.current.horizontals.clear()
+        try:
+            self._raise()
+        finally:
+            if not self.sets:
+                self._book = None  # rounds begin anew, and memory does not grow
+        found = [*others, *(reduced.observations if reduced is not None else ())]
+        begin = self.since if self.settings.post == "sights" else of.first
+        name = f"{self.settings.name} {iso(of.first if begin is None else begin)}"
+        if found:
+            doubts = reduced.doubts if reduced is not None else ()
+            yield FormedSet(tuple(self._named(o, name) for o in found), doubts, of)
+
+    def _named(self, o: Observation, name: str) -> Observation:
+        """Return an observation with its set, and names of the network that are stated."""
+        s = self.settings
+        stated = {"set": name, "instrument": s.distance_meter, "refraction": s.refraction}
+        own = {n: v for n, v in stated.items() if n in o.record.attributes}
+        return replace(o, **own, source=None)
