@@ -13,7 +13,8 @@ from ..entities import Camera, Photo, Point
 from ..errors import AdjustmentError, InputError
 from ..graph.dependence import Variable
 from ..graph.user_factors import MakesFactor
-from ..io.journal import Journal
+from ..io.journal import Journal, begun_journal, opened_journal
+from ..io.journal_lines import JournalStore
 from ..ledger import journal_entries
 from ..ledger.command_input import Engine, Input, Options, ids_in, listed
 from ..ledger.ledger import Ledger
@@ -71,7 +72,7 @@ class IncrementalAdjustment(StateQueries):
         keep: int | None = None,
         keep_seconds: float | None = None,
         start: Solution | None = None,
-        journal: str | Path | None = None,
+        journal: str | Path | JournalStore | None = None,
     ) -> None:
         """Start from a network; it is copied.
 
@@ -95,7 +96,8 @@ class IncrementalAdjustment(StateQueries):
             keep_seconds: the same as a time: what nothing has touched in the last seconds is
                 retired. `add` then needs the time of each arrival.
             start: a solution of the network, which saves an adjustment.
-            journal: a new file to which every change is appended before it counts.
+            journal: a new file, or another store, to which every change is appended before it
+                counts.
 
         Raises:
             InputError: an option or the network's input is bad, or the journal has content.
@@ -106,7 +108,7 @@ class IncrementalAdjustment(StateQueries):
         """What `resume` found incomplete at the end of its journal; empty if nothing."""
         self._lock = RLock()
         self._rules = Options(policy, alpha, accuracy, chosen, engine, keep, keep_seconds)
-        self._journal: Journal | None = None
+        self._journal: Journal | JournalStore | None = None
         self._solution: tuple[IncrementalState, Solution] | None = None
         self.latest = Arrival()
         """Result of the latest command; after `snoop`, the verdicts on what came back."""
@@ -120,7 +122,7 @@ class IncrementalAdjustment(StateQueries):
             changed = journal_entries.difference(Ledger.of(own), self._state.ledger)
             head = journal_entries.header(network, asdict(self._rules))
             head["start"] = changed | line.fields()
-            self._journal = Journal.create(journal, head, durable=False)
+            self._journal = begun_journal(journal, head)
             self._recorded.written(line)
             self._state = self._state.recorded()
 
@@ -128,7 +130,7 @@ class IncrementalAdjustment(StateQueries):
     @with_one_thread
     def resume(
         cls,
-        journal: str | Path,
+        journal: str | Path | JournalStore,
         *,
         engine: Engine | None = None,
         geoids: Collection[str] = (),
@@ -141,7 +143,7 @@ class IncrementalAdjustment(StateQueries):
         suspects and rejected observations are as they were; estimates have converged.
 
         Args:
-            journal: the file.
+            journal: the file, or another store.
             engine: what holds the linear system from now on; by default the engine with which the
                 journal was begun. Every journal resumes under either engine.
             geoids: paths of geoids that may be read although they lie outside the folder of the
@@ -151,10 +153,12 @@ class IncrementalAdjustment(StateQueries):
         Raises:
             InputError: no journal, a damaged line before the last, or an unknown engine.
         """
-        opened, header, entries, torn = Journal.open(journal, durable=False)
+        opened, header, entries, torn = opened_journal(journal)
         try:
-            place, folder = f"{journal}:1", Path(journal).parent
-            network, rules = journal_entries.start_of(header, place, folder, geoids, allow_outside)
+            place, folder = opened.where, opened.folder
+            network, rules = journal_entries.start_of(
+                header, f"{place}:1", folder, geoids, allow_outside
+            )
             rules = rules if engine is None else replace(rules, engine=engine)
             out = cls.__new__(cls)
             network.datum = rules.datum
@@ -162,7 +166,7 @@ class IncrementalAdjustment(StateQueries):
             out.resumed, out._solution, out._journal = torn, None, None
             out.latest = Arrival()
             out._copies, out._recorded = CopiedBlocks(), RecordedEstimates()
-            out._state = resumed(network, header, entries, out._rules, str(journal))
+            out._state = resumed(network, header, entries, out._rules, place)
             out._copies.add(out._state.ledger.observations())
         except BaseException:
             opened.close()

@@ -1,47 +1,36 @@
 """Journal file: JSON lines in a chain of digests, appended under a lock; torn last line left out.
 
-The first line is the header ``{"journal": 4, …}``, every further line one entry, an object. A
-line counts as recorded when all of it is in the file. Whatever stops the process, the file
-holds whole lines and at most one torn line at its end, which is found and left out on opening.
-
-Every line ends with ``"line"``, its number from 1, and ``"chain"``, the first `CHAIN_DIGITS`
-hexadecimal digits of SHA-256 of the chain of the line before it (empty before the first) and of the
-line up to its own. A line that is missing, occurs twice, was changed or comes from another journal
-breaks the chain, and is refused on opening. Lines that are missing at the end break nothing: the
-journal is then that of an earlier moment. While a journal is open, its file is examined before
-every entry.
+`factorgraph_adj.io.journal_lines` has the format of the lines. A line counts as recorded when all
+of it is in the file. Whatever stops the process, the file holds whole lines and at most one torn
+line at its end, which is found and left out on opening. Lines that are missing at the end break
+nothing: the journal is then that of an earlier moment. While a journal is open, its file is
+examined before every entry.
 """
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
-import re
 import sys
 import weakref
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NoReturn
 
 from ..errors import InputError, Problem, system_reason
 from ..files import note_read, refuse_replacing, refuse_special
+from .journal_lines import (
+    INITIAL_LINK,
+    JOURNAL_VERSION,
+    ChainLink,
+    JournalStore,
+    journal_line,
+    whole_lines,
+)
 
 if sys.platform != "win32":
     import fcntl
-
-JOURNAL_VERSION = 4
-"""Version of the format, the value of ``journal`` in the header; no other is read."""
-CHAIN_DIGITS = 16
-"""Hexadecimal digits of a link of the chain."""
-_END = re.compile(rb'"line": ([0-9]{1,15}), "chain": "([0-9a-f]{%d})"\}$' % CHAIN_DIGITS)
-"""How every line ends."""
-_SHOWN = 60
-"""Characters of a bad line that a message shows."""
-_BEGIN = b'{"journal"'
-"""How every header begins."""
 
 
 class Journal:
@@ -85,7 +74,7 @@ class Journal:
         """
         path = Path(path)
         refuse_replacing([path])
-        line, link = _line({"journal": JOURNAL_VERSION, **header}, path, INITIAL_LINK)
+        line, link = journal_line({"journal": JOURNAL_VERSION, **header}, str(path), INITIAL_LINK)
         existed = path.exists()
         descriptor = _open(path, os.O_CREAT)
         journal = None
@@ -142,7 +131,7 @@ class Journal:
             _lock(descriptor, path)
             with os.fdopen(descriptor, "rb", closefd=False) as stream:
                 data = stream.read()
-            lines, torn, keep, last = _whole_lines(data, path)
+            lines, torn, keep, last = whole_lines(data, str(path))
             if keep < len(data):
                 os.ftruncate(descriptor, keep)
             journal = cls(path, descriptor, durable=durable, last=last)
@@ -158,6 +147,16 @@ class Journal:
             _explain(error, path)
         return journal, lines[0], lines[1:], torn
 
+    @property
+    def where(self) -> str:
+        """The file, for messages."""
+        return str(self.path)
+
+    @property
+    def folder(self) -> Path:
+        """Folder of the file."""
+        return self.path.parent
+
     # -- use ----------------------------------------------------------------------------------
 
     def append(self, entry: Mapping[str, object]) -> None:
@@ -168,7 +167,7 @@ class Journal:
                 deleted, replaced or changed by another process; or the journal is closed.
                 Nothing was recorded then.
         """
-        line, link = _line(entry, self.path, self._last)
+        line, link = journal_line(entry, str(self.path), self._last)
         self._refuse_other_file()
         self._write(line)
         self._last = link
@@ -302,141 +301,33 @@ def _sync_folder(folder: Path) -> None:
             os.close(descriptor)
 
 
-# -- lines ----------------------------------------------------------------------------------------
+# -- any store -------------------------------------------------------------------------------------
 
 
-class ChainLink(NamedTuple):
-    """Place of a line in its journal."""
+def begun_journal(
+    at: str | Path | JournalStore, header: Mapping[str, object]
+) -> Journal | JournalStore:
+    """Return a new journal in a file or in another store.
 
-    number: int
-    """Number of the line, from 1."""
-    chain: str
-    """What it and all lines before it come to."""
-
-    def of(self, text: bytes) -> ChainLink:
-        """Return the link of the next line, from the line before its end."""
-        chain = hashlib.sha256(self.chain.encode() + text).hexdigest()[:CHAIN_DIGITS]
-        return ChainLink(self.number + 1, chain)
-
-    def end(self) -> bytes:
-        """Return the end of the line."""
-        return f'"line": {self.number}, "chain": "{self.chain}"}}'.encode()
-
-
-INITIAL_LINK = ChainLink(0, "")
-"""The link before the first line."""
-
-
-def _line(entry: Mapping[str, object], path: Path, before: ChainLink) -> tuple[bytes, ChainLink]:
-    """Return an entry as the line after another, and its link."""
-    try:
-        text = json.dumps(dict(entry), allow_nan=False, ensure_ascii=False).encode("utf-8")
-    except (TypeError, ValueError, RecursionError) as error:
-        raise InputError(Problem(f"cannot be recorded: {error}", str(path))) from None
-    text = text[:-1] + (b", " if entry else b"")
-    link = before.of(text)
-    return text + link.end() + b"\n", link
-
-
-def _links(raw: list[bytes], found: list[dict[str, Any]], path: Path) -> ChainLink:
-    """Return the link of the last line, and take the links out of what was found.
+    A file may lose its last entries when the computer, not only the process, ends.
 
     Raises:
-        InputError: lines that do not follow from the line before them, all of them.
+        InputError: as `Journal.create`, or the store cannot be written.
     """
-    before, problems = INITIAL_LINK, []
-    for number, (line, entry) in enumerate(zip(raw, found, strict=True), start=1):
-        end = _END.search(line)
-        own = before.of(b"" if end is None else line[: end.start()])
-        stated = ChainLink(number, "") if end is None else ChainLink(int(end[1]), end[2].decode())
-        if end is None:
-            what = "has no number and chain at its end: no journal was written so"
-        elif stated.number != own.number:
-            what = _line_number_problem(stated.number, before.number)
-        elif stated != own:
-            what = "was changed, or the line before it was, or comes from another journal"
-        else:
-            what = ""
-        if what:
-            problems.append(Problem(what, f"{path}:{number}"))
-        before = stated
-        entry.pop("line", None)
-        entry.pop("chain", None)
-    if problems:
-        what = (
-            "cannot be resumed: up to the line before the first of these it is whole; a copy that "
-            "ends there resumes the state of that moment"
-        )
-        raise InputError([*problems, Problem(what, str(path))])
-    return before
+    if isinstance(at, str | os.PathLike):
+        return Journal.create(at, header, durable=False)
+    at.begin(header)
+    return at
 
 
-def _line_number_problem(stated: int, before: int) -> str:
-    """Say what is wrong where the number of a line is not that after the line before."""
-    if stated <= before:
-        return (
-            f"is line {stated} of the journal, which stands after line {before}: it is here twice"
-        )
-    lost = f"line {before + 1}" if stated == before + 2 else f"lines {before + 1} to {stated - 1}"
-    return f"is line {stated} of the journal, after line {before}: {lost} of it is missing"
-
-
-def _refuse(constant: str) -> NoReturn:
-    raise ValueError(f"{constant} is not JSON")
-
-
-def _parse(line: bytes) -> dict[str, Any] | None:
-    """Return the object of a line; None where it is not one."""
-    try:
-        found = json.loads(line.decode("utf-8"), parse_constant=_refuse)
-    except (ValueError, RecursionError):
-        return None
-    return found if isinstance(found, dict) else None
-
-
-def _shown(line: bytes) -> str:
-    text = line[: 4 * _SHOWN].decode("utf-8", "replace")
-    return repr(text[:_SHOWN]) + ("…" if len(text) > _SHOWN else "")
-
-
-def _whole_lines(data: bytes, path: Path) -> tuple[list[dict[str, Any]], str, int, ChainLink]:
-    """Return the objects of all whole lines, what is torn, the bytes to keep, and the last link.
+def opened_journal(
+    at: str | Path | JournalStore,
+) -> tuple[Journal | JournalStore, dict[str, Any], list[dict[str, Any]], str]:
+    """Return a journal to be continued, with its header, its entries, and what was torn.
 
     Raises:
-        InputError: this is not a journal, or a line before the last one is bad, or out of turn.
+        InputError: as `Journal.open`, or the store cannot be read.
     """
-    if not data:
-        raise InputError(Problem("is empty: nothing had been recorded", str(path)))
-    raw = data.split(b"\n")
-    if raw[-1] == b"":
-        raw.pop()
-    found = [_parse(line) for line in raw]
-    header = found[0]
-    if header is None:
-        own = raw[0].startswith(_BEGIN) or _BEGIN.startswith(raw[0])
-        if len(raw) == 1 and own:
-            what = f"holds only a torn line, {_shown(raw[0])}: nothing had been recorded"
-            raise InputError(Problem(what, f"{path}:1"))
-        what = "is not a journal: the first line is not its header {…}"
-        raise InputError(Problem(what, str(path)))
-    if "journal" not in header:
-        what = 'is not a journal: its first line lacks "journal"'
-        raise InputError(Problem(what, str(path)))
-    if header["journal"] != JOURNAL_VERSION or isinstance(header["journal"], bool):
-        what = (
-            f"is a journal of version {header['journal']!r}; valid: {JOURNAL_VERSION}. The version "
-            "of the program that wrote it can resume it, and save what is in the graph as a project"
-        )
-        raise InputError(Problem(what, str(path)))
-    torn, keep = "", len(data)
-    if found[-1] is None:
-        torn = f"{path}:{len(raw)}: the last line was torn and is left out: {_shown(raw[-1])}"
-        keep = sum(len(line) + 1 for line in raw[:-1])
-        found.pop()
-    bad = [number for number, entry in enumerate(found, start=1) if entry is None]
-    if bad:
-        raise InputError(
-            Problem(f"is not an object of JSON: {_shown(raw[n - 1])}", f"{path}:{n}") for n in bad
-        )
-    entries = [entry for entry in found if entry is not None]
-    return entries, torn, keep, _links(raw[: len(entries)], entries, path)
+    if isinstance(at, str | os.PathLike):
+        return Journal.open(at, durable=False)
+    return at, *at.read()
