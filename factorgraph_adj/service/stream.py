@@ -188,9 +188,17 @@ class Stream:
         Returns:
             The answer, ready for `json.dumps`.
         """
+        return self._answer(lambda: requests.parse_line(line), number)
+
+    @one_at_a_time
+    def answer_record(self, fields: Mapping[str, Any], number: int) -> Answer:
+        """Answer the fields of a line, as `answer` does."""
+        return self._answer(lambda: dict(fields), number)
+
+    def _answer(self, given: Callable[[], dict[str, Any]], number: int) -> Answer:
         begun = perf_counter()
         try:
-            fields = requests.parse_line(line)
+            fields = given()
             said = self._command(fields) if "do" in fields else self._observation(fields)
             out: Answer = {"line": number, "ok": True, **said}
         except AdjustmentError as error:

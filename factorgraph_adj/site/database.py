@@ -1,0 +1,196 @@
+"""Database of a site: SQLite in WAL mode, or PostgreSQL; its migrations and transactions.
+
+A transaction is on the disk when it ends (``synchronous = FULL`` in SQLite; PostgreSQL by its own
+default): what was acknowledged after that survives a loss of power. One process serves a database
+at a time; a second one is refused.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import AdjustmentError, InputError, Problem, system_reason
+
+if sys.platform != "win32":
+    import fcntl
+if TYPE_CHECKING:
+    from sqlalchemy import Connection, Engine
+
+EXTRA_MISSING = "the service of a site needs further packages: pip install 'factorgraph_adj[serve]'"
+"""Message where the extra is missing."""
+BUSY_SECONDS = 10.0
+"""Time to wait for another connection of SQLite, seconds."""
+ADVISORY_LOCK = 0x66_67_61_73
+"""Number of the lock by which a service holds a database of PostgreSQL."""
+
+
+class DatabaseAway(AdjustmentError):
+    """The database cannot be read or written at present."""
+
+
+class Database:
+    """An open database, which this process alone serves."""
+
+    def __init__(self, url: str | Path, *, serve: bool = True) -> None:
+        """Open a database, and create or upgrade its tables.
+
+        Args:
+            url: path of a file for SQLite, or ``postgresql+psycopg://user@host/name``.
+            serve: whether this process serves the database, which only one may.
+
+        Raises:
+            InputError: the extra is missing, the database cannot be opened, is of a newer version,
+                or is served by another process.
+        """
+        try:
+            from sqlalchemy import create_engine, event
+            from sqlalchemy.engine import make_url
+            from sqlalchemy.exc import ArgumentError, SQLAlchemyError
+        except ImportError:
+            raise InputError(EXTRA_MISSING) from None
+        text = str(url)
+        self.path = None if "://" in text else Path(text)
+        """File of SQLite; None for PostgreSQL."""
+        try:
+            made = make_url(text if self.path is None else f"sqlite:///{self.path.resolve()}")
+        except ArgumentError:
+            raise InputError(Problem("is no address of a database", text)) from None
+        self.where = made.render_as_string(hide_password=True) if self.path is None else text
+        """Address for messages, without password."""
+        self._lock, self._held = threading.Lock(), None
+        options: dict[str, Any] = {} if self.path else {"pool_pre_ping": True}
+        if self.path is not None:
+            options["connect_args"] = {"timeout": BUSY_SECONDS, "check_same_thread": False}
+        self.engine: Engine = create_engine(made, **options)
+        """Engine of SQLAlchemy."""
+        if self.path is not None:
+            event.listen(self.engine, "connect", _prepare_sqlite)
+            event.listen(self.engine, "begin", _begin_sqlite)
+        try:
+            if serve:
+                self._held = self._hold()
+            self._upgrade()
+        except BaseException as error:
+            self.close()
+            if isinstance(error, SQLAlchemyError):
+                what = f"cannot be opened as a database of a site: {reason_of(error)}"
+                raise InputError(Problem(what, self.where)) from None
+            raise
+
+    def _hold(self) -> Any:
+        """Hold the database for this process."""
+        taken = "is served by another process already: stop that one first"
+        if self.path is None:
+            from sqlalchemy import text
+
+            connection = self.engine.connect()
+            got = connection.execute(
+                text("select pg_try_advisory_lock(:number)"), {"number": ADVISORY_LOCK}
+            ).scalar()
+            connection.commit()
+            if not got:
+                connection.close()
+                raise InputError(Problem(taken, self.where))
+            return connection
+        try:
+            descriptor = os.open(f"{self.path}.lock", os.O_RDWR | os.O_CREAT, 0o600)
+        except OSError as error:
+            what = f"cannot be opened: {system_reason(error)}"
+            raise InputError(Problem(what, f"{self.path}.lock")) from None
+        if sys.platform != "win32":
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                os.close(descriptor)
+                raise InputError(Problem(taken, self.where)) from None
+        return descriptor
+
+    def _upgrade(self) -> None:
+        """Bring the tables to this version.
+
+        Raises:
+            InputError: the database is of a newer version.
+        """
+        from alembic import command
+        from alembic.config import Config
+        from alembic.util import CommandError
+
+        config = Config()
+        config.set_main_option("script_location", str(Path(__file__).parent / "migrations"))
+        with self._lock, self.engine.connect() as connection:
+            config.attributes["connection"] = connection
+            try:
+                command.upgrade(config, "head")
+            except CommandError as error:
+                what = f"was made by a newer version of this program ({error}): upgrade the program"
+                raise InputError(Problem(what, self.where)) from None
+            connection.commit()
+
+    @contextmanager
+    def reading(self) -> Iterator[Connection]:
+        """Give a connection for reading.
+
+        Raises:
+            DatabaseAway: the database cannot be read.
+        """
+        from sqlalchemy.exc import SQLAlchemyError
+
+        try:
+            with self.engine.connect() as connection:
+                yield connection
+        except SQLAlchemyError as error:
+            raise DatabaseAway(f"{self.where}: {reason_of(error)}") from None
+
+    @contextmanager
+    def writing(self) -> Iterator[Connection]:
+        """Give a connection in a transaction; when this ends, all of it is on the disk, or none.
+
+        Raises:
+            DatabaseAway: the database cannot be written; nothing was.
+        """
+        from sqlalchemy.exc import SQLAlchemyError
+
+        try:
+            with self._lock, self.engine.connect() as connection:
+                connection = connection.execution_options(writes=True)
+                with connection.begin():
+                    yield connection
+        except SQLAlchemyError as error:
+            raise DatabaseAway(f"{self.where}: {reason_of(error)}") from None
+
+    def close(self) -> None:
+        """Give the database back."""
+        held, self._held = self._held, None
+        if isinstance(held, int):
+            os.close(held)
+        elif held is not None:
+            with suppress(Exception):
+                held.close()
+        self.engine.dispose()
+
+
+def reason_of(error: Exception) -> str:
+    """Return the reason of an error of the database, on one line and without the statement."""
+    inner = getattr(error, "orig", None) or error
+    return " ".join(str(inner).split())[:300]
+
+
+def _prepare_sqlite(connection: Any, _record: object) -> None:
+    """Set up a connection of SQLite; transactions are begun by `_begin_sqlite` alone."""
+    connection.isolation_level = None
+    cursor = connection.cursor()
+    for pragma in ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON"):
+        cursor.execute(f"PRAGMA {pragma}")
+    cursor.close()
+
+
+def _begin_sqlite(connection: Any) -> None:
+    """Begin a transaction; one that writes takes its place at once, so that it cannot fail late."""
+    writes = connection.get_execution_options().get("writes", False)
+    connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")

@@ -1,0 +1,69 @@
+"""Epochs of a network: by a length of time, by sets of readings, or by hand."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+from ..errors import InputError
+
+SECONDS_OF = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
+"""Units of lengths of epochs, seconds."""
+GRACE_SHARE, MAX_GRACE = 0.1, 600.0
+"""An epoch stays open for this share of its length, at most these seconds, after its end."""
+_LENGTH = re.compile(r"\s*([0-9]+(?:\.[0-9]+)?)\s*(s|min|h|d|sets?)\s*")
+VALID = '"6 h" (s, min, h, d), "2 sets", or "by hand"'
+"""What may be stated, for messages."""
+
+
+@dataclass(frozen=True)
+class EpochSchedule:
+    """When epochs end. Numbers of epochs begin with 1; 0 is that of the project's own readings."""
+
+    length: float | None = None
+    """Length of an epoch, seconds; None: epochs have no length."""
+    sets: int | None = None
+    """Sets of readings, of which the last one ends the epoch; None: sets are not counted."""
+
+    @classmethod
+    def of(cls, text: str) -> EpochSchedule:
+        """Return the schedule of a text, such as ``6 h``, ``2 sets`` or ``by hand``.
+
+        Raises:
+            InputError: the text is none of these, or a length is zero.
+        """
+        if text.strip() == "by hand":
+            return cls()
+        found = _LENGTH.fullmatch(text)
+        if found is None or float(found[1]) <= 0.0:
+            raise InputError(f"epochs {text!r} are none; valid: {VALID}")
+        if found[2].startswith("set"):
+            if not float(found[1]).is_integer():
+                raise InputError(f"epochs {text!r}: the number of sets must be whole")
+            return cls(sets=int(found[1]))
+        return cls(length=float(found[1]) * SECONDS_OF[found[2]])
+
+    @property
+    def grace(self) -> float:
+        """Time for which an epoch waits for late readings after its end, seconds."""
+        return 0.0 if self.length is None else min(GRACE_SHARE * self.length, MAX_GRACE)
+
+    def number(self, time: float, begun: float) -> int | None:
+        """Return the number of the epoch of a time; None where time does not tell it.
+
+        Args:
+            time: seconds UTC.
+            begun: when the network began, seconds UTC; its first epoch begins at a whole multiple
+                of the length since 1970, so that epochs of an hour begin with the hour.
+        """
+        if self.length is None:
+            return None
+        return math.floor(time / self.length) - math.floor(begun / self.length) + 1
+
+    def bounds(self, number: int, begun: float) -> tuple[float, float] | None:
+        """Return begin and end of an epoch, seconds UTC; None where epochs have no length."""
+        if self.length is None:
+            return None
+        first = math.floor(begun / self.length) + number - 1
+        return first * self.length, (first + 1) * self.length

@@ -1,0 +1,223 @@
+"""Epochs of a network in its database and in memory: begun, read from their journals, closed."""
+
+from __future__ import annotations
+
+import json
+from collections import OrderedDict
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ..errors import InputError
+from ..incremental.adjustment import IncrementalAdjustment
+from ..io.project import Project
+from ..service.stream import Stream
+from .database import Database
+from .epoch_network import network_of_epoch
+from .journal_table import JournalTable
+from .site_file import NetworkSettings
+
+MAX_LOADED = 3
+"""Number of epochs that are in memory: the present one, and closed ones that were opened again."""
+
+
+@dataclass
+class LiveEpoch:
+    """One epoch of a network in memory."""
+
+    id: int
+    """Id of its row."""
+    number: int
+    """Its number."""
+    begin: float
+    """Begin, seconds UTC."""
+    end: float | None
+    """End, seconds UTC; None: by hand."""
+    state: str
+    """``open`` or ``closed``."""
+    revision: int
+    """Number of the results so far."""
+    stream: Stream
+    """The adjustment with its protocol."""
+    journal: JournalTable
+    """Its journal."""
+
+    def summary(self) -> dict[str, Any]:
+        """Return the fields that an API shows."""
+        names = ("number", "begin", "end", "state", "revision")
+        return {name: getattr(self, name) for name in names}
+
+
+class LiveEpochs:
+    """The epochs of one network."""
+
+    def __init__(
+        self,
+        settings: NetworkSettings,
+        project: Project,
+        database: Database,
+        network: int,
+        begun: float,
+    ) -> None:
+        """Take a network.
+
+        Args:
+            settings: what the site file says of it.
+            project: its project.
+            database: the database.
+            network: id of its row.
+            begun: when it began, seconds UTC.
+        """
+        self.settings, self.project, self._database = settings, project, database
+        self._network, self._network_begun = network, begun
+        self._loaded: OrderedDict[int, LiveEpoch] = OrderedDict()
+        self._rows: list[dict[str, Any]] | None = None
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return the rows of the epochs in order, without their results."""
+        if self._rows is None:
+            self._rows = self.read_rows()
+        return self._rows
+
+    def read_rows(self, *, results: bool = False) -> list[dict[str, Any]]:
+        """Return the rows as the database has them.
+
+        Args:
+            results: whether with ``result``, the last one of each epoch.
+        """
+        from sqlalchemy import select
+
+        from .tables import epochs
+
+        names = ["id", "number", "begin", "end", "state", "revision", *(["result"] * results)]
+        columns = [epochs.c[name] for name in names]
+        wanted = select(*columns).where(epochs.c.network == self._network)
+        with self._database.reading() as connection:
+            found = [dict(r._mapping) for r in connection.execute(wanted.order_by(epochs.c.number))]
+        for row in found if results else ():
+            row["result"] = None if row["result"] is None else json.loads(row["result"])
+        return found
+
+    @property
+    def present(self) -> LiveEpoch:
+        """The open epoch, or where there is none, the last one."""
+        rows = self.rows()
+        number = next((r["number"] for r in reversed(rows) if r["state"] == "open"), None)
+        return self.epoch(rows[-1]["number"] if number is None else number)
+
+    def epoch(self, number: int) -> LiveEpoch:
+        """Return an epoch, from its journal where it is not in memory."""
+        if number in self._loaded:
+            self._loaded.move_to_end(number)
+            return self._loaded[number]
+        rows = {row["number"]: row for row in self.rows()}
+        if number not in rows:
+            raise InputError(f"network {self.settings.name} has no epoch {number}")
+        row = rows[number]
+        journal = self._journal_of(row["id"], number)
+        if self._begun(row["id"]):
+            adjustment = IncrementalAdjustment.resume(
+                journal, geoids=self._geoids(), allow_outside=True
+            )
+        else:  # the process ended between the row and the first line
+            adjustment = self._begun_adjustment(number, journal)
+        return self._keep(row, adjustment, journal)
+
+    def _keep(
+        self, row: Mapping[str, Any], adjustment: IncrementalAdjustment, journal: JournalTable
+    ) -> LiveEpoch:
+        stream = Stream(adjustment, context=self.project.context, power=self.settings.power)
+        names = ("id", "number", "begin", "end", "state", "revision")
+        epoch = LiveEpoch(*(row[n] for n in names), stream, journal)
+        self._loaded[epoch.number] = epoch
+        written = [n for n, e in self._loaded.items() if e is not epoch and not e.journal.waits]
+        for oldest in written[: max(len(self._loaded) - MAX_LOADED, 0)]:
+            del self._loaded[oldest]
+        return epoch
+
+    def _journal_of(self, key: int, number: int) -> JournalTable:
+        path = self.project.path
+        folder = path if path.is_dir() else path.parent
+        where = f"{self.settings.name}, epoch {number}"
+        return JournalTable(self._database, key, folder=folder, where=where)
+
+    def _geoids(self) -> list[str]:
+        crs = self.project.network.crs
+        return [crs.geoid] if crs is not None and isinstance(crs.geoid, str) else []
+
+    def _begun(self, key: int) -> bool:
+        from sqlalchemy import func, select
+
+        from .tables import journal
+
+        wanted = select(func.count()).select_from(journal).where(journal.c.epoch == key)
+        with self._database.reading() as connection:
+            return bool(connection.execute(wanted).scalar())
+
+    def _begun_adjustment(self, number: int, journal: JournalTable) -> IncrementalAdjustment:
+        """Return the adjustment of an epoch at its begin, whose first line is on the disk."""
+        network = self.project.network
+        if number > 0:
+            before = [row["number"] for row in self.rows() if row["number"] < number]
+            last = self.epoch(before[-1]).stream.adjustment if before else None
+            network = network_of_epoch(network, last)
+        keep = self.settings.keep_seconds
+        adjustment = IncrementalAdjustment(
+            network,
+            policy=self.settings.policy,
+            alpha=self.settings.alpha,
+            keep_seconds=keep,
+            journal=journal,
+        )
+        self._write_lines(journal.pending())
+        return adjustment
+
+    def _write_lines(self, rows: list[dict[str, Any]]) -> None:
+        from sqlalchemy import insert
+
+        from .tables import journal
+
+        with self._database.writing() as connection:
+            connection.execute(insert(journal), rows)
+
+    def new(self, number: int, time: float) -> LiveEpoch:
+        """Begin an epoch.
+
+        Args:
+            number: its number.
+            time: when it begins, seconds UTC, where epochs have no length.
+        """
+        from sqlalchemy import insert
+
+        from .tables import epochs
+
+        begin, end = self.settings.epochs.bounds(number, self._network_begun) or (time, None)
+        if number == 0:
+            begin, end = time, None
+        row = {"network": self._network, "number": number, "begin": begin, "end": end}
+        row |= {"state": "open", "revision": 0}
+        with self._database.writing() as connection:
+            made = connection.execute(insert(epochs).values(**row))
+            (key,) = made.inserted_primary_key or (0,)
+        self._rows = None
+        journal = self._journal_of(int(key), number)
+        adjustment = self._begun_adjustment(number, journal)
+        return self._keep({"id": int(key), **row}, adjustment, journal)
+
+    # -- writing ----------------------------------------------------------------------------------
+
+    def pending_lines(self) -> list[dict[str, Any]]:
+        """Return the lines of all journals that are to be written, and forget them."""
+        return [row for epoch in self._loaded.values() for row in epoch.journal.pending()]
+
+    def closed(self, epoch: LiveEpoch) -> None:
+        """Note that an epoch has ended, or has another result."""
+        epoch.state, epoch.revision = "closed", epoch.revision + 1
+        for row in self.rows():
+            if row["number"] == epoch.number:
+                row |= {"state": epoch.state, "revision": epoch.revision}
+
+    def drop(self) -> None:
+        """Forget what is in memory; it is read again from the database."""
+        self._loaded.clear()
+        self._rows = None

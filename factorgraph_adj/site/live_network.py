@@ -1,0 +1,447 @@
+"""A network that lives: epochs as incremental adjustments, one writer, postings in transactions.
+
+A posting is an object of the stream protocol (`factorgraph_adj.service.stream`) with two further
+fields: ``time``, when it was measured (seconds since 1970 UTC; now where it is absent), and
+``request``, a text of the sender: the same request is executed once, and answered again with what
+was answered, marked ``repeated``.
+
+One thread executes the postings of a network in the order in which they came. All that are there at
+once share one transaction, which holds the lines of the journal, the requests with their answers,
+and the events; after it, and only then, the senders get their answers. Where it fails, the state in
+memory is dropped and read again from the database.
+
+The clock of a network is the time of its latest posting plus the time that has passed since that
+came: epochs of a simulation that runs fast end as epochs of a real day do. A posting belongs to the
+epoch of its time. One for an epoch that has ended opens it again; its result then has the next
+revision.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import queue
+import threading
+import time as clock
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+from ..errors import AdjustmentError, InputError, Problem
+from ..io.project import Project
+from ..service.answers import Answer, refusal
+from .database import Database, DatabaseAway
+from .live_epochs import LiveEpoch, LiveEpochs
+from .site_file import NetworkSettings
+from .tables import MAX_LETTERS_OF_NAME
+
+MAX_BATCH = 64
+"""Largest number of postings in one transaction."""
+MAX_WAITING_POSTINGS = 5000
+"""Number of postings that may wait for a network; further ones are told to come later."""
+IDLE_SECONDS = 0.5
+"""Time after which the network looks whether its epoch has ended, seconds."""
+MAX_AHEAD = 366 * 86400.0
+"""A posting may be so much later than the clock of its network, seconds; more is a wrong clock."""
+COMMANDS_THAT_CHANGE = frozenset(
+    ("add", "accept", "discard", "remove", "replace", "reweight", "snoop", "settle", "retire")
+)
+"""Commands of the stream protocol that the service records; ``write`` and ``stop`` are refused."""
+QUERIES = frozenset(
+    ("solution", "estimate", "reliability", "waiting", "suspects", "rejected", "doubts", "causes")
+)
+"""Commands that change nothing."""
+
+
+class Overloaded(AdjustmentError):
+    """Too many postings wait."""
+
+
+class OtherRequest(AdjustmentError):
+    """A request with the same name asked something else."""
+
+
+@dataclass
+class _Task:
+    """What waits for the thread of a network: a posting, or a call."""
+
+    record: dict[str, Any]
+    who: str
+    received: float
+    future: Future[Answer]
+    call: Callable[[], Answer] | None = None
+
+
+@dataclass
+class _Batch:
+    """What one transaction will hold."""
+
+    answered: list[tuple[_Task, Answer]] = field(default_factory=list)
+    requests: list[dict[str, Any]] = field(default_factory=list)
+    events: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
+    actions: list[dict[str, Any]] = field(default_factory=list)
+    statements: list[Any] = field(default_factory=list)
+
+
+class LiveNetwork:
+    """A network of a site while it is served."""
+
+    def __init__(
+        self,
+        settings: NetworkSettings,
+        project: Project,
+        database: Database,
+        *,
+        changed: Callable[[], None] = lambda: None,
+        closed: Callable[[LiveNetwork, LiveEpoch, _Batch], None] | None = None,
+    ) -> None:
+        """Read the network from the database, or begin it there.
+
+        Args:
+            settings: what the site file says of it.
+            project: its project.
+            database: the database.
+            changed: called after each transaction with events.
+            closed: called when an epoch has ended or has another result, before its transaction.
+        """
+        self.settings, self.project, self._database = settings, project, database
+        self._changed, self._closed = changed, closed
+        self._lock = threading.RLock()
+        self._tasks: queue.Queue[_Task | None] = queue.Queue()
+        self._stale: dict[int, float] = {}
+        self._clock = (0.0, clock.monotonic())
+        self._lines = 0
+        self.away = ""
+        """Why the database could not be written last; empty where it could."""
+        self.id, self.begun = self._row()
+        self._epochs = LiveEpochs(settings, project, database, self.id, self.begun)
+        self._thread = threading.Thread(target=self._run, name=f"network {settings.name}")
+        self._thread.daemon = True
+        with self._lock:
+            self._begin()
+
+    # -- use ------------------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """Begin to execute postings."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Execute what waits, and end."""
+        if self._thread.is_alive():
+            self._tasks.put(None)
+            self._thread.join()
+
+    def submit(self, record: Mapping[str, Any], who: str = "") -> Future[Answer]:
+        """Hand over a posting; its answer comes when it is on the disk.
+
+        Raises:
+            Overloaded: too many postings wait.
+        """
+        task = _Task(dict(record), who, clock.time(), Future())
+        return self._submit(task)
+
+    def close_epoch(self, who: str = "") -> Future[Answer]:
+        """End the present epoch; the answer has its result."""
+        task = _Task({"do": "close epoch"}, who, clock.time(), Future())
+        return self._submit(task)
+
+    def _submit(self, task: _Task) -> Future[Answer]:
+        if self._tasks.qsize() >= MAX_WAITING_POSTINGS:
+            raise Overloaded(
+                f"{MAX_WAITING_POSTINGS} postings of {self.settings.name} wait: send it later"
+            )
+        self._tasks.put(task)
+        return task.future
+
+    @property
+    def waiting_postings(self) -> int:
+        """Number of postings that wait for the thread."""
+        return self._tasks.qsize()
+
+    @contextmanager
+    def reading(self, number: int | None = None) -> Iterator[LiveEpoch]:
+        """Give an epoch, which does not change meanwhile.
+
+        Args:
+            number: its number; None: the present one.
+
+        Raises:
+            InputError: there is no such epoch.
+        """
+        with self._lock:
+            yield self._epochs.present if number is None else self._epochs.epoch(number)
+
+    def epochs(self, *, results: bool = False) -> list[dict[str, Any]]:
+        """Return the epochs in order, as their rows say; ``results``: with their results."""
+        return self._epochs.read_rows(results=results)
+
+    def now(self) -> float:
+        """Return the clock of the network, seconds UTC."""
+        latest, came = self._clock
+        return latest + clock.monotonic() - came if latest else clock.time()
+
+    # -- begin ------------------------------------------------------------------------------------
+
+    def _row(self) -> tuple[int, float]:
+        from sqlalchemy import insert, select
+
+        from .tables import networks
+
+        wanted = select(networks).where(networks.c.name == self.settings.name)
+        with self._database.writing() as connection:
+            row = connection.execute(wanted).first()
+            if row is not None:
+                return int(row.id), float(row.begun)
+            begun = clock.time()
+            made = connection.execute(
+                insert(networks).values(name=self.settings.name, settings="{}", begun=begun)
+            )
+            (key,) = made.inserted_primary_key or (0,)
+            return int(key), begun
+
+    def _begin(self) -> None:
+        """Begin the first epoch where there is none."""
+        if self._epochs.rows():
+            return
+        network = self.project.network
+        measured = bool(network.observations) or network.n_image_points > 0
+        self._epochs.new(0 if measured else 1, self.begun)
+        if measured and self.settings.epochs != type(self.settings.epochs)():
+            epoch, batch = self._epochs.epoch(0), _Batch()
+            self._close(epoch, batch)
+            self._commit(batch)
+
+    # -- the thread -------------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        """Execute tasks until the network stops."""
+        while True:
+            tasks: list[_Task] = []
+            ends = False
+            try:
+                first = self._tasks.get(timeout=IDLE_SECONDS)
+                ends = first is None
+                tasks += [] if first is None else [first]
+                while not ends and len(tasks) < MAX_BATCH:
+                    task = self._tasks.get_nowait()
+                    ends = task is None
+                    tasks += [] if task is None else [task]
+            except queue.Empty:
+                pass
+            try:
+                with self._lock:
+                    self._execute(tasks)
+            except BaseException as error:  # the thread must live, whatever happens
+                for task in tasks:
+                    if not task.future.done():
+                        task.future.set_exception(error)
+            if ends:
+                return
+
+    def _execute(self, tasks: Sequence[_Task]) -> None:
+        """Answer tasks, close what has ended, and write it all in one transaction."""
+        batch = _Batch()
+        try:
+            for task in tasks:
+                self._one(task, batch)
+            self._close_what_ended(batch, idle=not tasks)
+            self._commit(batch)
+        except DatabaseAway as error:
+            self.away = str(error)
+            self._epochs.drop()  # what is in memory may be more than what is on the disk
+            for task in tasks:
+                task.future.set_exception(error)
+            return
+        for task, answer in batch.answered:
+            task.future.set_result(answer)
+        if batch.events:
+            self._changed()
+
+    def _one(self, task: _Task, batch: _Batch) -> None:
+        """Answer a posting."""
+        self._lines += 1
+        try:
+            answer = self._answer(task, batch)
+        except OtherRequest as error:
+            answer = refusal(self._lines, error) | {"conflict": True}
+        except DatabaseAway:
+            raise
+        except AdjustmentError as error:
+            answer = refusal(self._lines, error)
+        batch.answered.append((task, answer))
+
+    def _answer(self, task: _Task, batch: _Batch) -> Answer:
+        record = dict(task.record)
+        if record.get("do") == "close epoch":
+            epoch = self._epochs.present
+            if epoch.state == "closed":
+                raise InputError(f"epoch {epoch.number} is closed already")
+            result = self._close(epoch, batch)
+            batch.actions.append(_action(task, "close epoch", {"epoch": epoch.number}))
+            return {"line": self._lines, "ok": True, **epoch.summary(), "result": result}
+        time, request = self._time(record, task), self._request(record)
+        digest = hashlib.sha256(json.dumps(task.record, sort_keys=True).encode()).hexdigest()
+        if request and (again := self._repeated(request, digest, batch)) is not None:
+            return again
+        do = record.get("do", "add")
+        if do not in COMMANDS_THAT_CHANGE | QUERIES and isinstance(do, str):
+            raise InputError(Problem(f"{do!r} is no command of the service", "do"))
+        epoch = self._epoch_at(time)
+        if self.settings.keep_seconds is not None and do == "add":
+            record["time"] = time
+        answer = epoch.stream.answer_record(record, self._lines) | {"epoch": epoch.number}
+        if answer["ok"] and do not in QUERIES:
+            if epoch.state == "closed":
+                self._stale[epoch.number] = clock.monotonic()
+            if request:
+                row = {"network": self.id, "request": request, "digest": digest}
+                row |= {"at": task.received, "answer": json.dumps(answer)}
+                batch.requests.append(row)
+            if time > self._clock[0]:
+                self._clock = time, clock.monotonic()
+            batch.events.append(
+                ("arrival", {"epoch": epoch.number, "do": do, "time": time} | answer)
+            )
+            if do != "add":
+                batch.actions.append(_action(task, str(do), task.record))
+        elif not answer["ok"] and do == "add":
+            batch.events.append(("refused", {"who": task.who, "error": answer["error"]}))
+        return answer
+
+    def _time(self, record: dict[str, Any], task: _Task) -> float:
+        """Take the time of a posting out of its record."""
+        given = record.pop("time", None)
+        if given is None:
+            return task.received
+        if isinstance(given, bool) or not isinstance(given, int | float):
+            raise InputError(Problem("time must be seconds since 1970 UTC, a number", "time"))
+        if not 0.0 <= given < 1e11:
+            raise InputError(Problem(f"time {given:g} is no time in seconds since 1970", "time"))
+        latest = max(self._clock[0], clock.time())
+        if given > latest + MAX_AHEAD:
+            what = f"time {given:g} is more than a year later than that of the network"
+            raise InputError(Problem(what, "time"))
+        return float(given)
+
+    def _request(self, record: dict[str, Any]) -> str:
+        """Take the request of a posting out of its record."""
+        given = record.pop("request", None)
+        if given is None:
+            return ""
+        if not isinstance(given, str) or not 0 < len(given) <= MAX_LETTERS_OF_NAME:
+            what = f"request must be a text of 1 to {MAX_LETTERS_OF_NAME} characters"
+            raise InputError(Problem(what, "request"))
+        return given
+
+    def _repeated(self, request: str, digest: str, batch: _Batch) -> Answer | None:
+        """Return the answer that a request has had already."""
+        from sqlalchemy import select
+
+        from .tables import requests
+
+        for row in batch.requests:
+            if row["request"] == request:
+                break
+        else:
+            wanted = select(requests).where(
+                requests.c.network == self.id, requests.c.request == request
+            )
+            with self._database.reading() as connection:
+                found = connection.execute(wanted).first()
+            if found is None:
+                return None
+            row = dict(found._mapping)
+        if row["digest"] != digest:
+            raise OtherRequest(
+                f"the request {request!r} has been recorded with another content: each posting "
+                "needs a request of its own"
+            )
+        return dict(json.loads(row["answer"])) | {"repeated": True}
+
+    def _epoch_at(self, time: float) -> LiveEpoch:
+        """Return the epoch of a time, which begins where there is none."""
+        number = self.settings.epochs.number(time, self.begun)
+        present = self._epochs.present
+        if number is None:
+            return (
+                present if present.state == "open" else self._epochs.new(present.number + 1, time)
+            )
+        number = max(number, 1)
+        if number in {row["number"] for row in self._epochs.rows()}:
+            return self._epochs.epoch(number)
+        return self._epochs.new(number, time)
+
+    # -- end of epochs ----------------------------------------------------------------------------
+
+    def _close_what_ended(self, batch: _Batch, *, idle: bool) -> None:
+        """Close epochs whose time has passed, and compute again what got late readings."""
+        schedule, now = self.settings.epochs, self.now()
+        if schedule.length is not None:
+            for row in self._epochs.rows():
+                if row["state"] == "open" and row["end"] and now > row["end"] + schedule.grace:
+                    self._close(self._epochs.epoch(row["number"]), batch)
+        waited = IDLE_SECONDS if idle else 10.0 * IDLE_SECONDS
+        for number, since in list(self._stale.items()):
+            if clock.monotonic() - since >= waited:
+                self._close(self._epochs.epoch(number), batch)
+
+    def _close(self, epoch: LiveEpoch, batch: _Batch) -> dict[str, Any]:
+        """Settle an epoch and record its result."""
+        from sqlalchemy import update
+
+        from .epoch_results import epoch_result
+        from .tables import epochs
+
+        inc = epoch.stream.adjustment
+        if len(inc):
+            inc.settle()
+        self._epochs.closed(epoch)
+        self._stale.pop(epoch.number, None)
+        result = epoch_result(epoch.stream, epoch.number, self._middle(epoch))
+        changes = {"state": "closed", "revision": epoch.revision, "result": json.dumps(result)}
+        batch.statements.append(update(epochs).where(epochs.c.id == epoch.id).values(**changes))
+        shown = {k: v for k, v in result.items() if k != "estimate"}
+        batch.events.append(("epoch", {**epoch.summary(), "epoch": epoch.number, **shown}))
+        if self._closed is not None:
+            self._closed(self, epoch, batch)
+        return shown
+
+    def _middle(self, epoch: LiveEpoch) -> float:
+        return epoch.begin if epoch.end is None else 0.5 * (epoch.begin + epoch.end)
+
+    # -- transactions -----------------------------------------------------------------------------
+
+    def _commit(self, batch: _Batch) -> None:
+        """Write lines, requests and events in one transaction."""
+        from sqlalchemy import insert
+
+        from .tables import actions, events, journal, requests
+
+        lines = self._epochs.pending_lines()
+        at = clock.time()
+        happened = [
+            {"network": self.id, "at": at, "kind": kind, "data": json.dumps(data)}
+            for kind, data in batch.events
+        ]
+        inserts = (
+            (journal, lines),
+            (requests, batch.requests),
+            (events, happened),
+            (actions, batch.actions),
+        )
+        if not batch.statements and not any(rows for _, rows in inserts):
+            return
+        with self._database.writing() as connection:
+            for table, rows in inserts:
+                if rows:
+                    connection.execute(insert(table), rows)
+            for statement in batch.statements:
+                connection.execute(statement)
+        self.away = ""
+
+
+def _action(task: _Task, action: str, data: Mapping[str, Any]) -> dict[str, Any]:
+    return {"at": task.received, "who": task.who, "action": action, "data": json.dumps(data)}
