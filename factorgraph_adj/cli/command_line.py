@@ -1,8 +1,8 @@
 """Command ``factorgraph-adj``: its table of commands, parsers that suggest words, exit codes.
 
 Commands are new, check, convert, join, guess-columns, fetch-example, formats, compare, collocate,
-adjust, plot, stream, plan, propose, completion. Each adds its arguments when it is called, and
-returns an exit code of `cli.messages`. Errors go to stderr as a list with one problem in each line.
+adjust, plot, stream, serve, plan, propose, completion. Each adds its arguments when it is called,
+and returns an exit code of `cli.messages`. Errors go to stderr as a list, each problem on a line.
 """
 
 from __future__ import annotations
@@ -39,6 +39,11 @@ COMMAND_MODULES = {
         "stream",
         "add_stream",
         "adjust observations as they arrive on standard input, one JSON line each",
+    ),
+    "serve": (
+        "site_service",
+        "add_serve",
+        "serve a site: an API and a page for networks that grow while they are measured",
     ),
     "plan": ("design", "add_plan", "what a design will give; it needs no readings"),
     "propose": ("design", "add_propose", "the cheapest additions that meet the targets"),

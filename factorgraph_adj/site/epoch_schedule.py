@@ -19,7 +19,7 @@ VALID = '"6 h" (s, min, h, d), "2 sets", or "by hand"'
 
 @dataclass(frozen=True)
 class EpochSchedule:
-    """When epochs end. Numbers of epochs begin with 1; 0 is that of the project's own readings."""
+    """When epochs end. Numbers of epochs begin with 1; 0 is that of the project."""
 
     length: float | None = None
     """Length of an epoch, seconds; None: epochs have no length."""
@@ -49,21 +49,19 @@ class EpochSchedule:
         """Time for which an epoch waits for late readings after its end, seconds."""
         return 0.0 if self.length is None else min(GRACE_SHARE * self.length, MAX_GRACE)
 
-    def number(self, time: float, begun: float) -> int | None:
-        """Return the number of the epoch of a time; None where time does not tell it.
+    def number(self, time: float, begun: float) -> int:
+        """Return the number of the epoch of a time, where epochs have a length.
 
         Args:
             time: seconds UTC.
-            begun: when the network began, seconds UTC; its first epoch begins at a whole multiple
-                of the length since 1970, so that epochs of an hour begin with the hour.
+            begun: a time in the first epoch. Epochs begin at whole multiples of the length since
+                1970, so that epochs of an hour begin with the hour.
         """
-        if self.length is None:
-            return None
+        assert self.length is not None
         return math.floor(time / self.length) - math.floor(begun / self.length) + 1
 
-    def bounds(self, number: int, begun: float) -> tuple[float, float] | None:
-        """Return begin and end of an epoch, seconds UTC; None where epochs have no length."""
-        if self.length is None:
-            return None
+    def bounds(self, number: int, begun: float) -> tuple[float, float]:
+        """Return begin and end of an epoch, seconds UTC, where epochs have a length."""
+        assert self.length is not None
         first = math.floor(begun / self.length) + number - 1
         return first * self.length, (first + 1) * self.length

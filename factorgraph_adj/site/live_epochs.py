@@ -57,7 +57,6 @@ class LiveEpochs:
         project: Project,
         database: Database,
         network: int,
-        begun: float,
     ) -> None:
         """Take a network.
 
@@ -66,10 +65,9 @@ class LiveEpochs:
             project: its project.
             database: the database.
             network: id of its row.
-            begun: when it began, seconds UTC.
         """
         self.settings, self.project, self._database = settings, project, database
-        self._network, self._network_begun = network, begun
+        self._network = network
         self._loaded: OrderedDict[int, LiveEpoch] = OrderedDict()
         self._rows: list[dict[str, Any]] | None = None
 
@@ -100,10 +98,10 @@ class LiveEpochs:
 
     @property
     def present(self) -> LiveEpoch:
-        """The open epoch, or where there is none, the last one."""
+        """The last open epoch, or where there is none, the last one."""
         rows = self.rows()
-        number = next((r["number"] for r in reversed(rows) if r["state"] == "open"), None)
-        return self.epoch(rows[-1]["number"] if number is None else number)
+        open_ = [row["number"] for row in rows if row["state"] == "open"]
+        return self.epoch((open_ or [row["number"] for row in rows])[-1])
 
     def epoch(self, number: int) -> LiveEpoch:
         """Return an epoch, from its journal where it is not in memory."""
@@ -128,7 +126,7 @@ class LiveEpochs:
     ) -> LiveEpoch:
         stream = Stream(adjustment, context=self.project.context, power=self.settings.power)
         names = ("id", "number", "begin", "end", "state", "revision")
-        epoch = LiveEpoch(*(row[n] for n in names), stream, journal)
+        epoch = LiveEpoch(**{n: row[n] for n in names}, stream=stream, journal=journal)
         self._loaded[epoch.number] = epoch
         written = [n for n, e in self._loaded.items() if e is not epoch and not e.journal.waits]
         for oldest in written[: max(len(self._loaded) - MAX_LOADED, 0)]:
@@ -180,21 +178,19 @@ class LiveEpochs:
         with self._database.writing() as connection:
             connection.execute(insert(journal), rows)
 
-    def new(self, number: int, time: float) -> LiveEpoch:
+    def new(self, number: int, bounds: tuple[float, float | None]) -> LiveEpoch:
         """Begin an epoch.
 
         Args:
             number: its number.
-            time: when it begins, seconds UTC, where epochs have no length.
+            bounds: its begin and end, seconds UTC; no end: it ends by hand.
         """
         from sqlalchemy import insert
 
         from .tables import epochs
 
-        begin, end = self.settings.epochs.bounds(number, self._network_begun) or (time, None)
-        if number == 0:
-            begin, end = time, None
-        row = {"network": self._network, "number": number, "begin": begin, "end": end}
+        row: dict[str, Any] = {"network": self._network, "number": number}
+        row |= {"begin": bounds[0], "end": bounds[1]}
         row |= {"state": "open", "revision": 0}
         with self._database.writing() as connection:
             made = connection.execute(insert(epochs).values(**row))

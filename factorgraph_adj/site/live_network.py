@@ -116,11 +116,12 @@ class LiveNetwork:
         self.away = ""
         """Why the database could not be written last; empty where it could."""
         self.id, self.begun = self._row()
-        self._epochs = LiveEpochs(settings, project, database, self.id, self.begun)
+        self._epochs = LiveEpochs(settings, project, database, self.id)
         self._thread = threading.Thread(target=self._run, name=f"network {settings.name}")
         self._thread.daemon = True
         with self._lock:
             self._begin()
+            _ = self._epochs.present  # a journal that cannot be read is told now
 
     # -- use ------------------------------------------------------------------------------------
 
@@ -192,15 +193,12 @@ class LiveNetwork:
 
         wanted = select(networks).where(networks.c.name == self.settings.name)
         with self._database.writing() as connection:
-            row = connection.execute(wanted).first()
-            if row is not None:
-                return int(row.id), float(row.begun)
-            begun = clock.time()
-            made = connection.execute(
-                insert(networks).values(name=self.settings.name, settings="{}", begun=begun)
-            )
-            (key,) = made.inserted_primary_key or (0,)
-            return int(key), begun
+            found = connection.execute(wanted).first()
+            if found is not None:
+                return int(found.id), float(found.begun)
+            row = {"name": self.settings.name, "settings": "{}", "begun": 0.0}
+            (key,) = connection.execute(insert(networks).values(**row)).inserted_primary_key or (0,)
+            return int(key), 0.0
 
     def _begin(self) -> None:
         """Begin the first epoch where there is none."""
@@ -208,8 +206,9 @@ class LiveNetwork:
             return
         network = self.project.network
         measured = bool(network.observations) or network.n_image_points > 0
-        self._epochs.new(0 if measured else 1, self.begun)
-        if measured and self.settings.epochs != type(self.settings.epochs)():
+        timed = self.settings.epochs.length is not None
+        self._epochs.new(0 if measured or timed else 1, (clock.time(), None))
+        if timed:
             epoch, batch = self._epochs.epoch(0), _Batch()
             self._close(epoch, batch)
             self._commit(batch)
@@ -233,7 +232,7 @@ class LiveNetwork:
                 pass
             try:
                 with self._lock:
-                    self._execute(tasks)
+                    self._execute(tasks, ends=ends)
             except BaseException as error:  # the thread must live, whatever happens
                 for task in tasks:
                     if not task.future.done():
@@ -241,13 +240,13 @@ class LiveNetwork:
             if ends:
                 return
 
-    def _execute(self, tasks: Sequence[_Task]) -> None:
+    def _execute(self, tasks: Sequence[_Task], *, ends: bool) -> None:
         """Answer tasks, close what has ended, and write it all in one transaction."""
         batch = _Batch()
         try:
             for task in tasks:
                 self._one(task, batch)
-            self._close_what_ended(batch, idle=not tasks)
+            self._close_what_ended(batch, idle=not tasks, ends=ends)
             self._commit(batch)
         except DatabaseAway as error:
             self.away = str(error)
@@ -363,20 +362,35 @@ class LiveNetwork:
 
     def _epoch_at(self, time: float) -> LiveEpoch:
         """Return the epoch of a time, which begins where there is none."""
-        number = self.settings.epochs.number(time, self.begun)
-        present = self._epochs.present
-        if number is None:
-            return (
-                present if present.state == "open" else self._epochs.new(present.number + 1, time)
-            )
-        number = max(number, 1)
+        schedule = self.settings.epochs
+        if schedule.length is None:
+            present = self._epochs.present
+            if present.state == "open":
+                return present
+            return self._epochs.new(present.number + 1, (time, None))
+        self.begun = self.begun or self._record_begin(time)
+        number = schedule.number(time, self.begun)
+        if number < 1:
+            first, _ = schedule.bounds(1, self.begun)
+            what = f"time {time:.0f} is before the first epoch, which began at {first:.0f}"
+            raise InputError(Problem(what, "time"))
         if number in {row["number"] for row in self._epochs.rows()}:
             return self._epochs.epoch(number)
-        return self._epochs.new(number, time)
+        return self._epochs.new(number, schedule.bounds(number, self.begun))
+
+    def _record_begin(self, time: float) -> float:
+        """Record when the first reading came, with which the first epoch begins."""
+        from sqlalchemy import update
+
+        from .tables import networks
+
+        with self._database.writing() as connection:
+            connection.execute(update(networks).where(networks.c.id == self.id).values(begun=time))
+        return time
 
     # -- end of epochs ----------------------------------------------------------------------------
 
-    def _close_what_ended(self, batch: _Batch, *, idle: bool) -> None:
+    def _close_what_ended(self, batch: _Batch, *, idle: bool, ends: bool) -> None:
         """Close epochs whose time has passed, and compute again what got late readings."""
         schedule, now = self.settings.epochs, self.now()
         if schedule.length is not None:
@@ -384,6 +398,7 @@ class LiveNetwork:
                 if row["state"] == "open" and row["end"] and now > row["end"] + schedule.grace:
                     self._close(self._epochs.epoch(row["number"]), batch)
         waited = IDLE_SECONDS if idle else 10.0 * IDLE_SECONDS
+        waited = 0.0 if ends else waited
         for number, since in list(self._stale.items()):
             if clock.monotonic() - since >= waited:
                 self._close(self._epochs.epoch(number), batch)

@@ -1,0 +1,149 @@
+"""HTTP API of a site: the application with its errors, its access and its page."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+from fastapi import FastAPI, Request, Response
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import FileResponse, JSONResponse
+from fastapi.staticfiles import StaticFiles
+from starlette.exceptions import HTTPException
+
+from ..errors import AdjustmentError, InputError, Problem
+from ..version import __version__
+from .access import NotAllowed, TooFast
+from .database import DatabaseAway
+from .live_network import OtherRequest, Overloaded
+from .network_routes import network_router
+from .site import NoSuchThing, Site
+from .site_routes import site_router
+
+API = "/api/v1"
+"""Where the API of version 1 is."""
+PAGE_FOLDER = Path(__file__).parent / "page"
+"""Files of the page."""
+MAX_BODY = 1 << 24
+"""Largest body of a request: 16 MB, bytes."""
+SECONDS_TO_RETRY = 2
+"""When to try again, seconds."""
+HEADERS = {
+    "Content-Security-Policy": (
+        "default-src 'self'; img-src 'self' data: blob:; style-src 'self' 'unsafe-inline'; "
+        "frame-ancestors 'none'; base-uri 'none'; form-action 'self'"
+    ),
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cache-Control": "no-cache",
+}
+"""Headers of every answer."""
+STATUS: tuple[tuple[type[AdjustmentError], int], ...] = (
+    (NoSuchThing, 404),
+    (OtherRequest, 409),
+    (TooFast, 429),
+    (Overloaded, 503),
+    (DatabaseAway, 503),
+    (AdjustmentError, 422),
+)
+"""Status of HTTP by the kind of an error, the first that fits."""
+
+
+def problem_answer(status: int, problems: list[Problem]) -> JSONResponse:
+    """Return an answer with what is wrong, as those of the stream have it."""
+    headers = {"Retry-After": str(SECONDS_TO_RETRY)} if status in (429, 503) else {}
+    if status == 401:
+        headers["WWW-Authenticate"] = "Bearer"
+    listed = [{"where": p.where, "what": p.what} for p in problems]
+    return JSONResponse({"error": listed}, status, headers)
+
+
+def application(site: Site, *, lifespan: bool = True) -> FastAPI:
+    """Return the application of a site.
+
+    Args:
+        site: the site.
+        lifespan: whether the site starts and stops with the application.
+    """
+
+    @asynccontextmanager
+    async def running(_: FastAPI) -> AsyncIterator[None]:
+        if lifespan:
+            site.start()
+        yield
+        if lifespan:
+            site.stop()
+
+    app = FastAPI(
+        title="factorgraph_adj site",
+        version=__version__ or "0",
+        openapi_url=f"{API}/openapi.json",
+        docs_url=None,
+        redoc_url=None,
+        lifespan=running,
+    )
+    app.state.site = site
+
+    @app.exception_handler(AdjustmentError)
+    async def refused(_: Request, error: AdjustmentError) -> JSONResponse:
+        problems = getattr(error, "problems", (Problem(str(error)),))
+        if isinstance(error, NotAllowed):
+            return problem_answer(error.status, list(problems))
+        status = next(code for kind, code in STATUS if isinstance(error, kind))
+        return problem_answer(status, list(problems))
+
+    @app.exception_handler(RequestValidationError)
+    async def malformed(_: Request, error: RequestValidationError) -> JSONResponse:
+        problems = [
+            Problem(str(e["msg"]), ".".join(str(part) for part in e["loc"])) for e in error.errors()
+        ]
+        return problem_answer(422, problems)
+
+    @app.exception_handler(HTTPException)
+    async def plain(_: Request, error: HTTPException) -> JSONResponse:
+        return problem_answer(error.status_code, [Problem(str(error.detail))])
+
+    @app.middleware("http")
+    async def guarded(
+        request: Request, answer: Callable[[Request], Awaitable[Response]]
+    ) -> Response:
+        length = request.headers.get("content-length", "0")
+        if not length.isdigit() or int(length) > MAX_BODY:
+            what = f"the body is larger than {MAX_BODY >> 20} MB: send fewer postings at once"
+            return problem_answer(413, [Problem(what)])
+        response = await answer(request)
+        for name, value in HEADERS.items():
+            response.headers.setdefault(name, value)
+        return response
+
+    app.include_router(site_router, prefix=API)
+    app.include_router(network_router, prefix=API)
+    _add_page(app)
+    return app
+
+
+def _add_page(app: FastAPI) -> None:
+    """Add the page, and the library that draws its figures."""
+    if not PAGE_FOLDER.exists():
+        return
+
+    @app.get("/", include_in_schema=False)
+    async def page() -> FileResponse:
+        return FileResponse(PAGE_FOLDER / "index.html")
+
+    @app.get("/plotly.min.js", include_in_schema=False)
+    async def plotly() -> FileResponse:
+        try:
+            import plotly
+        except ImportError:
+            raise InputError("figures need plotly: pip install 'factorgraph_adj[serve]'") from None
+        return FileResponse(Path(plotly.__file__).parent / "package_data" / "plotly.min.js")
+
+    app.mount("/page", StaticFiles(directory=PAGE_FOLDER), name="page")
+
+
+def site_of(request: Request) -> Any:
+    """Return the site of a request."""
+    return request.app.state.site

@@ -1,0 +1,227 @@
+"""Routes of a network: postings, points, observations, epochs, downloads."""
+
+from __future__ import annotations
+
+import asyncio
+import tempfile
+import zipfile
+from collections.abc import Callable
+from io import BytesIO
+from pathlib import Path
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Body, Query, Response
+
+from ..errors import InputError
+from ..io.project_writer import network_files
+from ..report.layout import finite_json
+from .access import Caller
+from .dependencies import Decider, Network, Poster, Reader, TheSite
+from .live_network import COMMANDS_THAT_CHANGE, LiveNetwork
+from .site import NoSuchThing
+from .views import EpochView
+
+network_router = APIRouter(prefix="/networks/{name}", tags=["network"])
+MAX_POSTINGS = 1000
+"""Largest number of postings in one request."""
+ANSWER_SECONDS = 120.0
+"""Time after which a request gives up waiting; the posting is executed nevertheless, seconds."""
+Answer = dict[str, Any]
+Posting = dict[str, Any]
+Names = Annotated[str, Query(max_length=20_000)]
+
+
+def _seen(network: LiveNetwork, what: Callable[[EpochView], Any]) -> Any:
+    with network.reading() as epoch:
+        return finite_json(what(EpochView(epoch, network.settings.objects)))
+
+
+@network_router.get("")
+def summary(network: Network, caller: Reader) -> Answer:
+    """Return what there is, in which units, and the present epoch."""
+    return {"name": network.settings.name, **_seen(network, EpochView.summary)}
+
+
+@network_router.post("/postings")
+async def post(
+    network: Network,
+    site: TheSite,
+    caller: Poster,
+    body: Annotated[Posting | list[Posting], Body()],
+) -> Any:
+    """Execute a posting, or several in their order; each gets its answer when it is on the disk.
+
+    A posting is an object of the stream protocol, with ``time`` and ``request``.
+    """
+    postings = body if isinstance(body, list) else [body]
+    if len(postings) > MAX_POSTINGS:
+        raise InputError(f"{len(postings)} postings; at most {MAX_POSTINGS} in one request")
+    for posting in postings:
+        do = posting.get("do", "add")
+        if do != "add":
+            site.access.require(caller, "decide" if do in COMMANDS_THAT_CHANGE else "read")
+    futures = [network.submit(p, caller.name) for p in postings]
+    wrapped = [asyncio.wrap_future(f) for f in futures]
+    answers = await asyncio.wait_for(asyncio.gather(*wrapped), ANSWER_SECONDS)
+    return answers if isinstance(body, list) else answers[0]
+
+
+@network_router.get("/points")
+def points(network: Network, caller: Reader) -> list[Answer]:
+    """Return all points with coordinates, σ and error ellipses."""
+    return list(_seen(network, EpochView.points))
+
+
+@network_router.get("/photos")
+def photos(network: Network, caller: Reader) -> list[Answer]:
+    """Return the photos with their poses and the points that they see."""
+    return list(_seen(network, EpochView.photos))
+
+
+@network_router.get("/sights")
+def sights(network: Network, caller: Reader) -> list[Answer]:
+    """Return the observations between two places, with their test values."""
+    return list(_seen(network, EpochView.sights))
+
+
+@network_router.get("/observations")
+def observations(
+    network: Network,
+    caller: Reader,
+    state: str = "accepted",
+    limit: Annotated[int, Query(ge=1, le=10_000)] = 200,
+    after: str = "",
+    point: str = "",
+    q: str = "",
+) -> Answer:
+    """Return a page of the observations of a state."""
+
+    def page(view: EpochView) -> Answer:
+        return view.observations(state, limit=limit, after=after, point=point, text=q)
+
+    found: Answer = _seen(network, page)
+    return found
+
+
+@network_router.get("/covariance")
+def covariance(network: Network, caller: Reader, points: Names) -> Answer:
+    """Return the joint covariance of points, names with commas between them."""
+    names = [n for n in points.split(",") if n]
+    found: Answer = _seen(network, lambda view: view.covariance(names))
+    return found
+
+
+@network_router.get("/queries/{do}")
+async def query(
+    network: Network,
+    caller: Reader,
+    do: str,
+) -> Answer:
+    """Return the answer of the stream to a command without fields, such as ``causes``."""
+    from .live_network import QUERIES
+
+    if do not in QUERIES:
+        raise NoSuchThing(f"no query {do!r}; valid: {', '.join(sorted(QUERIES))}")
+    with network.reading() as epoch:
+        return await asyncio.to_thread(epoch.stream.answer_record, {"do": do}, 0)
+
+
+# -- epochs ----------------------------------------------------------------------------------------
+
+
+@network_router.get("/epochs")
+def epochs(network: Network, caller: Reader) -> list[Answer]:
+    """Return the epochs with their figures."""
+    out = []
+    for row in network.epochs(results=True):
+        result = row.pop("result") or {}
+        shown = {k: result.get(k) for k in ("sigma0", "redundancy", "counts", "problem")}
+        out.append(row | shown)
+    return out
+
+
+@network_router.get("/epochs/{number}")
+def epoch(network: Network, caller: Reader, number: int) -> Answer:
+    """Return an epoch with its result."""
+    for row in network.epochs(results=True):
+        if row["number"] == number:
+            return dict(row)
+    raise NoSuchThing(f"network {network.settings.name} has no epoch {number}")
+
+
+@network_router.post("/epochs")
+async def close_epoch(
+    network: Network, caller: Decider, close: Annotated[bool, Body(embed=True)]
+) -> Answer:
+    """End the present epoch; the next posting begins another one."""
+    if not close:
+        raise InputError('close must be true: {"close": true} ends the present epoch')
+    answer = await asyncio.wait_for(
+        asyncio.wrap_future(network.close_epoch(caller.name)), ANSWER_SECONDS
+    )
+    if not answer["ok"]:
+        raise InputError(answer["error"][0]["what"])
+    return answer
+
+
+# -- downloads -------------------------------------------------------------------------------------
+
+
+def _written(network: LiveNetwork, name: str, number: int | None) -> bytes:
+    """Return a file that the exports of the package write."""
+    from ..export.formats import write
+    from ..report.html.page import write_report
+    from ..report.options import ReportOptions
+
+    with network.reading(number) as epoch:
+        solution = epoch.stream.adjustment.solution()
+        units = epoch.stream.context.units
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / name
+        if name.endswith(".html"):
+            write_report(solution, path, options=ReportOptions(units))
+        else:
+            write(solution, path)
+        return path.read_bytes()
+
+
+def _download(data: bytes, name: str, kind: str) -> Response:
+    headers = {"Content-Disposition": f'attachment; filename="{name}"'}
+    return Response(data, media_type=kind, headers=headers)
+
+
+@network_router.get("/report.html")
+def report(network: Network, caller: Reader, epoch: int | None = None) -> Response:
+    """Return the report of an epoch as one HTML file."""
+    data = _written(network, "report.html", epoch)
+    return _download(data, f"{network.settings.name}.html", "text/html")
+
+
+@network_router.get("/results.json")
+def results(network: Network, caller: Reader, epoch: int | None = None) -> Response:
+    """Return the results of an epoch as JSON."""
+    data = _written(network, "results.json", epoch)
+    return _download(data, f"{network.settings.name}.json", "application/json")
+
+
+@network_router.get("/network.gpkg")
+def geopackage(network: Network, caller: Reader, epoch: int | None = None) -> Response:
+    """Return an epoch as a GeoPackage."""
+    data = _written(network, "network.gpkg", epoch)
+    return _download(data, f"{network.settings.name}.gpkg", "application/geopackage+sqlite3")
+
+
+@network_router.get("/project.zip")
+def project(network: Network, caller: Reader, epoch: int | None = None) -> Response:
+    """Return what is in the graph of an epoch as a project."""
+    with network.reading(epoch) as found:
+        inc, units = found.stream.adjustment, found.stream.context.units
+        files = network_files(inc.network(), units=units, toml="project.toml")
+    target = BytesIO()
+    with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, text in files.items():
+            archive.writestr(f"{network.settings.name}/{name}", text)
+    return _download(target.getvalue(), f"{network.settings.name}.zip", "application/zip")
+
+
+__all__ = ["Caller", "network_router"]

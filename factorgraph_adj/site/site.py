@@ -1,0 +1,86 @@
+"""A site while it is served: its networks, its database, its log of events, who may do what."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from ..errors import InputError, known
+from ..io.project import Project
+from ..io.readers import READERS
+from ..version import __version__
+from .access import Access
+from .database import Database
+from .event_log import EventLog
+from .live_network import LiveNetwork
+from .site_file import SiteSettings
+
+
+class NoSuchThing(InputError):
+    """The address names a network, an epoch or a point that does not exist."""
+
+
+class Site:
+    """The networks of a site, ready to take postings."""
+
+    def __init__(self, settings: SiteSettings, *, allow_outside: bool = False) -> None:
+        """Open the database, and read or begin all networks.
+
+        Args:
+            settings: what the site file says.
+            allow_outside: whether projects may name files outside their folders.
+
+        Raises:
+            InputError: a project or the database cannot be opened.
+        """
+        self.settings = settings
+        projects: list[Project] = [
+            READERS.load(str(n.project), allow_outside=allow_outside, options={})
+            for n in settings.networks
+        ]
+        self.database = Database(settings.database)
+        try:
+            self.events = EventLog(self.database)
+            self.access = Access(self.database)
+            self.networks: dict[str, LiveNetwork] = {
+                n.name: LiveNetwork(n, project, self.database, changed=self.events.changed)
+                for n, project in zip(settings.networks, projects, strict=True)
+            }
+        except BaseException:
+            self.database.close()
+            raise
+
+    def start(self) -> None:
+        """Begin to take postings."""
+        for network in self.networks.values():
+            network.start()
+
+    def stop(self) -> None:
+        """Execute what waits, and close the database."""
+        for network in self.networks.values():
+            network.stop()
+        self.database.close()
+
+    def network(self, name: str) -> LiveNetwork:
+        """Return a network.
+
+        Raises:
+            NoSuchThing: there is none of this name.
+        """
+        if name not in self.networks:
+            raise NoSuchThing(f"no network {name!r}; known: {known(self.networks, meant=name)}")
+        return self.networks[name]
+
+    def ids(self, names: Iterable[str]) -> list[int]:
+        """Return ids of networks."""
+        return [self.network(name).id for name in names]
+
+    def summary(self) -> dict[str, Any]:
+        """Return name and version."""
+        return {"name": self.settings.name, "version": __version__}
+
+    def health(self) -> dict[str, Any]:
+        """Return whether everything runs, and how many postings wait."""
+        away = {n: x.away for n, x in self.networks.items() if x.away}
+        waiting = {n: x.waiting_postings for n, x in self.networks.items()}
+        return {"ok": not away, "database": away, "waiting_postings": waiting}

@@ -1,0 +1,124 @@
+"""Routes of the site: what it is, its events, its sessions and tokens, its health."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import AsyncIterator
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Body, Header, Query, Request, Response
+from fastapi.responses import StreamingResponse
+
+from .access import RIGHTS
+from .dependencies import COOKIE, Manager, Reader, TheSite, caller_with
+from .event_log import Event
+from .views import EpochView
+
+site_router = APIRouter(tags=["site"])
+SESSION_SECONDS = 30 * 86400
+"""How long a browser stays logged in, seconds."""
+Answer = dict[str, Any]
+
+
+@site_router.get("/site")
+def the_site(site: TheSite, caller: Reader) -> Answer:
+    """Return name, version, networks, and what the caller may do."""
+    networks = []
+    for name, live in site.networks.items():
+        with live.reading() as epoch:
+            networks.append({"name": name} | EpochView(epoch).summary())
+    rights = sorted(RIGHTS[caller.role])
+    return {**site.summary(), "caller": caller.name, "role": caller.role, "rights": rights} | {
+        "networks": networks,
+        "tokens": not site.access.open,
+    }
+
+
+@site_router.get("/health")
+def health(site: TheSite, response: Response) -> Answer:
+    """Return whether everything runs; 503 where something does not. Anybody may ask."""
+    found = site.health()
+    if not found["ok"]:
+        response.status_code = 503
+    return found if site.access.open else {"ok": found["ok"]}
+
+
+@site_router.get("/events")
+async def events(
+    site: TheSite,
+    caller: Reader,
+    network: Annotated[list[str] | None, Query()] = None,
+    last_event_id: Annotated[int | None, Header(ge=0, le=1 << 62)] = None,
+    after: Annotated[int | None, Query(ge=0, le=1 << 62)] = None,
+) -> StreamingResponse:
+    """Follow what happens, as server-sent events; ``Last-Event-ID`` or ``after`` resumes."""
+    names = {live.id: name for name, live in site.networks.items()}
+    wanted = None if network is None else site.ids(network)
+    last = last_event_id if last_event_id is not None else after
+
+    async def lines() -> AsyncIterator[str]:
+        yield "retry: 2000\n\n"
+        async for event in site.events.follow(last, wanted):
+            yield ": \n\n" if event is None else _shown(event, names)
+
+    return StreamingResponse(
+        lines(), media_type="text/event-stream", headers={"X-Accel-Buffering": "no"}
+    )
+
+
+def _shown(event: Event, names: dict[int, str]) -> str:
+    about = {"network": names.get(event.network or 0), "at": event.at}
+    data = json.dumps(about | event.data, ensure_ascii=False)
+    return f"id: {event.id}\nevent: {event.kind}\ndata: {data}\n\n"
+
+
+# -- sessions and tokens ---------------------------------------------------------------------------
+
+
+@site_router.post("/session")
+def log_in(
+    site: TheSite, request: Request, response: Response, token: Annotated[str, Body(embed=True)]
+) -> Answer:
+    """Log a browser in with a token, which a cookie then holds that no script can read."""
+    caller = site.access.caller(token)
+    site.access.require(caller, "read")
+    secure = request.url.scheme == "https"
+    response.set_cookie(
+        COOKIE, token, max_age=SESSION_SECONDS, httponly=True, samesite="strict", secure=secure
+    )
+    return {"caller": caller.name, "role": caller.role}
+
+
+@site_router.delete("/session")
+def log_out(response: Response) -> Answer:
+    """Log a browser out."""
+    response.delete_cookie(COOKIE)
+    return {}
+
+
+@site_router.get("/tokens")
+def tokens(site: TheSite, caller: Manager) -> list[Answer]:
+    """Return the tokens, without their texts."""
+    return site.access.listed()
+
+
+@site_router.post("/tokens")
+def new_token(
+    site: TheSite,
+    caller: Manager,
+    name: Annotated[str, Body()],
+    role: Annotated[str, Body()],
+    days: Annotated[float | None, Body()] = None,
+) -> Answer:
+    """Make a token; its text is in this answer alone."""
+    return {"name": name, "role": role, "token": site.access.add(name, role, days=days)}
+
+
+@site_router.delete("/tokens/{name}")
+def revoke_token(site: TheSite, caller: Manager, name: str) -> Answer:
+    """Revoke a token."""
+    site.access.revoke(name)
+    return {}
+
+
+__all__ = ["caller_with", "site_router"]

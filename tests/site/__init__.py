@@ -1,0 +1,1 @@
+"""Tests of `factorgraph_adj.site`."""

@@ -1,0 +1,152 @@
+"""The API of a site: postings, what is shown, errors, tokens and roles."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.networks.yard import ARRIVALS, WRONG
+from tests.support.sites import ADDRESS, served
+
+ROLES = ("instrument", "viewer", "surveyor", "admin")
+
+
+@pytest.fixture
+def client(tmp_path):
+    with served(tmp_path) as client:
+        yield client
+
+
+@pytest.fixture
+def yard(client):
+    answers = client.post(f"{ADDRESS}/postings", json=list(ARRIVALS)).json()
+    assert all(a["ok"] for a in answers)
+    return client
+
+
+def test_the_site_says_what_it_has_and_what_the_caller_may(client):
+    site = client.get("/api/v1/site").json()
+    assert (site["name"], site["role"], site["tokens"]) == ("Yard", "admin", False)
+    assert site["networks"][0]["units"]["sigma_length"] == "mm"
+
+
+def test_a_posting_gets_its_verdict(yard):
+    answer = yard.post(f"{ADDRESS}/postings", json=WRONG).json()
+    assert (answer["ok"], answer["verdict"], answer["epoch"]) == (True, "rejected", 1)
+    rejected = yard.get(f"{ADDRESS}/observations", params={"state": "rejected"}).json()
+    assert [o["id"] for o in rejected["observations"]] == ["s3"]
+
+
+def test_points_have_ellipses(yard):
+    points = {p["name"]: p for p in yard.get(f"{ADDRESS}/points").json()}
+    assert points["C"]["determined"] and points["C"]["object"] and not points["A"]["object"]
+    ellipse = points["C"]["ellipse"]
+    assert ellipse["a_mm"] > ellipse["b_mm"] > 0.0
+
+
+def test_observations_come_in_pages(yard):
+    first = yard.get(f"{ADDRESS}/observations", params={"limit": 4}).json()
+    rest = yard.get(f"{ADDRESS}/observations", params={"limit": 4, "after": first["next"]}).json()
+    ids = [o["id"] for page in (first, rest) for o in page["observations"]]
+    assert sorted(ids) == sorted(a["id"] for a in ARRIVALS)
+    assert rest["next"] is None and first["total"] == 7
+
+
+@pytest.mark.parametrize("name", ["report.html", "results.json", "network.gpkg", "project.zip"])
+def test_downloads_are_whole_files(yard, name):
+    answer = yard.get(f"{ADDRESS}/{name}")
+    assert answer.status_code == 200 and len(answer.content) > 500
+    assert "attachment" in answer.headers["content-disposition"]
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "status"),
+    [
+        ("get", "/api/v1/networks/none", 404),
+        ("get", f"{ADDRESS}/epochs/99", 404),
+        ("get", f"{ADDRESS}/queries/stop", 404),
+        ("get", f"{ADDRESS}/observations?state=none", 422),
+        ("get", f"{ADDRESS}/observations?limit=0", 422),
+        ("get", f"{ADDRESS}/covariance?points=NOWHERE", 422),
+        ("get", f"{ADDRESS}/report.html", 422),
+        ("get", "/api/v1/nothing", 404),
+        ("put", "/api/v1/site", 405),
+    ],
+)
+def test_errors_say_what_is_wrong(client, method, path, status):
+    answer = getattr(client, method)(path)
+    assert answer.status_code == status
+    assert answer.json()["error"][0]["what"]
+
+
+def test_every_route_needs_its_right(tmp_path):
+    with served(tmp_path) as client:
+        site = client.app.state.site
+        tokens = {role: site.access.add(role, role) for role in ROLES}
+        wanted = {
+            ("get", "/api/v1/site"): "read",
+            ("get", "/api/v1/events"): "read",
+            ("get", "/api/v1/tokens"): "manage",
+            ("post", "/api/v1/tokens"): "manage",
+            ("delete", "/api/v1/tokens/{name}"): "manage",
+            ("post", f"{ADDRESS}/postings"): "post",
+            ("post", f"{ADDRESS}/epochs"): "decide",
+        }
+        public = {"/api/v1/health", "/api/v1/session", "/api/v1/openapi.json"}
+        paths = client.get("/api/v1/openapi.json").json()["paths"]
+        for path, methods in paths.items():
+            if path in public:
+                continue
+            own = path.replace("{name}", "yard") if "/networks/" in path else path
+            for method in methods:
+                right = wanted.get((method, own), "read")
+                _check(client, tokens, method, own, right)
+
+
+def _check(client, tokens, method, path, right):
+    from factorgraph_adj.site.access import RIGHTS
+
+    path = path.replace("{number}", "1").replace("{do}", "doubts")
+    path = path.replace("{name}", "nobody")
+    assert client.request(method, path).status_code == 401, path
+    wrong = {"Authorization": "Bearer fga_wrong"}
+    assert client.request(method, path, headers=wrong).status_code == 401, path
+    for role, token in tokens.items():
+        if right in RIGHTS[role] and path.endswith("/events"):
+            continue  # it never ends
+        headers = {"Authorization": f"Bearer {token}"}
+        status = client.request(method, path, headers=headers).status_code
+        assert (status == 403) == (right not in RIGHTS[role]), (method, path, role, status)
+
+
+def test_an_instrument_may_post_readings_but_not_decide(tmp_path):
+    with served(tmp_path) as client:
+        token = client.app.state.site.access.add("ts1", "instrument")
+        client.headers["Authorization"] = f"Bearer {token}"
+        assert client.post(f"{ADDRESS}/postings", json=ARRIVALS[0]).json()["ok"]
+        answer = client.post(f"{ADDRESS}/postings", json={"do": "remove", "ids": ["r1"]})
+        assert answer.status_code == 403
+        assert client.get(f"{ADDRESS}/points").status_code == 403
+
+
+def test_a_browser_logs_in_with_a_cookie_and_a_revoked_token_ends_it(tmp_path):
+    with served(tmp_path) as client:
+        access = client.app.state.site.access
+        token = access.add("office", "viewer")
+        assert client.get("/api/v1/site").status_code == 401
+        assert client.post("/api/v1/session", json={"token": "no"}).status_code == 401
+        cookie = client.post("/api/v1/session", json={"token": token}).headers["set-cookie"]
+        assert "HttpOnly" in cookie and "SameSite=strict" in cookie
+        assert client.get("/api/v1/site").json()["role"] == "viewer"
+        access.revoke("office")
+        assert client.get("/api/v1/site").status_code == 401
+
+
+def test_a_body_that_is_too_large_is_refused(client):
+    answer = client.post(f"{ADDRESS}/postings", content=b"[" + b" " * (17 << 20) + b"]")
+    assert answer.status_code == 413
+
+
+def test_answers_carry_a_policy_for_the_browser(client):
+    headers = client.get("/api/v1/site").headers
+    assert "default-src 'self'" in headers["content-security-policy"]
+    assert headers["x-content-type-options"] == "nosniff"

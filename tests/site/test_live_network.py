@@ -1,0 +1,193 @@
+"""A network of a site: requests are executed once, epochs follow the time, nothing is lost."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from sqlalchemy import event, func, insert, select
+
+from factorgraph_adj.errors import InputError
+from factorgraph_adj.site.database import Database, DatabaseAway
+from factorgraph_adj.site.tables import epochs, events, journal, metadata, requests
+from tests.networks.yard import ARRIVALS, WRONG
+from tests.support.sites import site_of, yard_of
+
+HOUR = 3600.0
+BEGIN = 1_700_000_000.0 - 1_700_000_000.0 % HOUR
+
+
+def posted(live, *records):
+    return [f.result(30) for f in [live.submit(r) for r in records]]
+
+
+def test_what_was_acknowledged_is_there_after_a_restart(tmp_path):
+    with site_of(tmp_path) as site:
+        answers = posted(yard_of(site), *ARRIVALS)
+        assert all(a["ok"] for a in answers)
+        with yard_of(site).reading() as epoch:
+            before = epoch.stream.adjustment.estimate("C")
+    with site_of(tmp_path) as site, yard_of(site).reading() as epoch:
+        inc = epoch.stream.adjustment
+        assert len(inc) == len(ARRIVALS)
+        sigma = inc.standard_deviations("C")
+        assert np.all(np.abs(inc.estimate("C") - before) < 0.02 * sigma)
+
+
+def test_a_request_is_executed_once_and_answered_again(tmp_path):
+    requested = [{**a, "request": f"r{n}"} for n, a in enumerate(ARRIVALS)]
+    with site_of(tmp_path) as site:
+        first = posted(yard_of(site), *requested, *requested[:2])
+        assert [a.get("repeated", False) for a in first] == [False] * len(ARRIVALS) + [True] * 2
+    with site_of(tmp_path) as site:
+        live = yard_of(site)
+        again = posted(live, *requested)
+        assert all(a["repeated"] for a in again)
+        assert [a["verdict"] for a in again] == [a["verdict"] for a in first[: len(ARRIVALS)]]
+        (other,) = posted(live, {**WRONG, "request": "r0"})
+        assert not other["ok"] and other["conflict"]
+        with live.reading() as epoch:
+            assert len(epoch.stream.adjustment) == len(ARRIVALS)
+
+
+def test_a_refused_posting_may_come_again_under_the_same_request(tmp_path):
+    with site_of(tmp_path) as site:
+        bad, good = posted(
+            yard_of(site),
+            {**ARRIVALS[0], "target": "NOWHERE", "request": "r"},
+            {**ARRIVALS[0], "request": "r"},
+        )
+        assert not bad["ok"] and good["ok"] and "repeated" not in good
+
+
+@pytest.mark.parametrize(
+    ("record", "where"),
+    [
+        ({"do": "write", "project": "x"}, "do"),
+        ({"do": "stop"}, "do"),
+        ({**ARRIVALS[0], "time": "noon"}, "time"),
+        ({**ARRIVALS[0], "time": -1}, "time"),
+        ({**ARRIVALS[0], "time": 9e10}, "time"),
+        ({**ARRIVALS[0], "request": ""}, "request"),
+        ({**ARRIVALS[0], "request": "x" * 201}, "request"),
+    ],
+)
+def test_what_a_posting_must_not_say_is_refused(tmp_path, record, where):
+    with site_of(tmp_path) as site:
+        (answer,) = posted(yard_of(site), record)
+        assert not answer["ok"] and answer["error"][0]["where"] == where
+
+
+def test_epochs_follow_the_time_of_the_readings(tmp_path):
+    with site_of(tmp_path, epochs="1 h") as site:
+        live = yard_of(site)
+        for hour in range(3):  # an epoch stays open for late readings for a tenth of its length
+            posted(live, *({**a, "time": BEGIN + hour * HOUR + 1800.0} for a in ARRIVALS))
+        rows = live.epochs(results=True)
+        assert [r["number"] for r in rows] == [0, 1, 2, 3]
+        assert [r["state"] for r in rows] == ["closed", "closed", "closed", "open"]
+        assert [r["begin"] for r in rows[1:]] == [BEGIN + h * HOUR for h in range(3)]
+        assert [r["revision"] for r in rows] == [1, 1, 1, 0]
+        c = {p["name"]: p for p in rows[1]["result"]["points"]}["C"]
+        assert abs(c["z"] - 101.4996) < 1e-3
+
+
+def test_a_late_reading_opens_its_epoch_again(tmp_path):
+    with site_of(tmp_path, epochs="1 h") as site:
+        live = yard_of(site)
+        posted(live, *({**a, "time": BEGIN + 60.0} for a in ARRIVALS))
+        posted(live, {**ARRIVALS[0], "time": BEGIN + 2 * HOUR})
+        assert live.epochs()[1]["revision"] == 1
+        late = {"kind": "height_difference", "station": "A", "target": "C", "value": 1.4999}
+        (answer,) = posted(live, {**late, "time": BEGIN + 120.0})
+        assert answer["ok"] and answer["epoch"] == 1
+        live.stop()
+        rows = live.epochs(results=True)
+        assert [(r["number"], r["state"], r["revision"]) for r in rows] == [
+            *((0, "closed", 1), (1, "closed", 2), (3, "open", 0)),
+        ]
+        assert rows[1]["result"]["counts"]["observations"] == len(ARRIVALS) + 1
+        with live.reading(1) as epoch:
+            assert len(epoch.stream.adjustment) == len(ARRIVALS) + 1
+
+
+def test_a_transaction_that_fails_changes_nothing(tmp_path):
+    with site_of(tmp_path) as site:
+        live = yard_of(site)
+        posted(live, *ARRIVALS[:3])
+
+        def full(connection, cursor, statement, *rest):
+            if statement.startswith("INSERT INTO journal"):
+                import sqlite3
+
+                raise sqlite3.OperationalError("database or disk is full")
+
+        event.listen(site.database.engine, "before_cursor_execute", full)
+        failed = live.submit(ARRIVALS[3])
+        with pytest.raises(DatabaseAway, match="full"):
+            failed.result(30)
+        assert site.health()["database"]
+        event.remove(site.database.engine, "before_cursor_execute", full)
+        (answer,) = posted(live, ARRIVALS[3])
+        assert answer["ok"] and answer["counts"]["observations"] == 4
+        assert site.health()["ok"]
+
+
+def test_a_changed_line_is_found(tmp_path):
+    with site_of(tmp_path) as site:
+        posted(yard_of(site), *ARRIVALS)
+        with site.database.writing() as connection:
+            line = connection.execute(select(journal.c.text).where(journal.c.line == 3)).scalar()
+            changed = journal.update().where(journal.c.line == 3)
+            connection.execute(changed.values(text=line.replace('"do"', '"dO"')))
+    with pytest.raises(InputError, match="was changed"), site_of(tmp_path):
+        pass
+
+
+def test_one_process_serves_a_database(tmp_path):
+    with site_of(tmp_path) as site, pytest.raises(InputError, match="another process"):
+        Database(site.settings.database)
+
+
+def test_migrations_make_the_tables_that_the_program_uses(tmp_path):
+    from alembic.autogenerate import compare_metadata
+    from alembic.migration import MigrationContext
+
+    database = Database(tmp_path / "site.sqlite")
+    with database.reading() as connection:
+        assert compare_metadata(MigrationContext.configure(connection), metadata) == []
+    database.close()
+
+
+def test_a_database_of_a_newer_version_is_refused(tmp_path):
+    database = Database(tmp_path / "site.sqlite")
+    with database.writing() as connection:
+        connection.exec_driver_sql("update alembic_version set version_num = '9999'")
+    database.close()
+    with pytest.raises(InputError, match="newer version"):
+        Database(tmp_path / "site.sqlite")
+
+
+def test_events_tell_what_happened_in_order(tmp_path):
+    with site_of(tmp_path) as site:
+        live = yard_of(site)
+        posted(live, *ARRIVALS, {**ARRIVALS[0], "target": "NOWHERE"})
+        live.close_epoch().result(30)
+        found = site.events.after(0)
+        assert [e.kind for e in found] == ["arrival"] * len(ARRIVALS) + ["refused", "epoch"]
+        assert [e.id for e in found] == sorted(e.id for e in found)
+        with site.database.reading() as connection:
+            assert connection.execute(select(func.count()).select_from(requests)).scalar() == 0
+            (result,) = connection.execute(select(epochs.c.result)).scalars()
+            assert json.loads(result)["converged"]
+
+
+def test_a_value_that_breaks_a_rule_of_the_database_is_not_half_written(tmp_path):
+    database = Database(tmp_path / "site.sqlite")
+    with pytest.raises(DatabaseAway), database.writing() as connection:
+        connection.execute(insert(events).values(at=1.0, kind="x", data="{}", network=None))
+        connection.execute(insert(events).values(at=1.0, kind="x", data="{}", network=99))
+    with database.reading() as connection:
+        assert connection.execute(select(func.count()).select_from(events)).scalar() == 0
+    database.close()
