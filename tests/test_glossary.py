@@ -108,6 +108,7 @@ ENTRIES = [
 MODULES = {
     path.relative_to(PACKAGE).with_suffix("").as_posix().removesuffix("/__init__")
     for path in PACKAGE.rglob("*.py")
+    if "migrations" not in path.parts  # alembic states their names
 } - {"__init__", "__main__"}
 FORMAT_WORDS, SHORT_FORMS = (
     {name for cells in rows(page, "word") for name in re.findall(r"`([^`]+)`", cells[0])}

@@ -25,6 +25,7 @@ OWN_WAYS = {
     "io/transaction_folders.py": "files beside their places",
     "io/journal.py": "a journal, of which every line is whole or taken back",
     "io/json_records.py": "a temporary folder that is read again",
+    "site/database.py": "an empty file, whose lock keeps other processes out",
     "parts/part_files.py": "states of a run, each moved into place by itself",
 }
 """Modules that write without `write_files`, and what."""
