@@ -113,6 +113,7 @@ EXTRAS = {
     "starlette": ("site",),
     "httpx2": ("site",),
     "uvicorn": ("cli",),
+    "paho": ("instruments",),
 }
 """Optional; imported when they are needed, and where."""
 OF_EXTRAS = (

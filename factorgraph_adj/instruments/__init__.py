@@ -17,8 +17,9 @@ Keyword-only arguments of the class, with annotations and defaults, are further 
 [[instrument]], which are checked as options of readers are. A grammar of field books reads a line
 with the reader's own functions into a `ReadingBook` (`reading_book`). Readings are `Sight`,
 `Occupation`, `InstrumentHeight` (total stations), `SensorValues` (temperature, pressure, and any
-other sensor), and `Observed`: observations that the grammar makes itself, such as a position of
-GNSS; the mapping renames their points and posts them at once. A line that is not of the grammar
+other sensor), `AntennaPosition` (GNSS, placed in the frame of the network by the mapping), and
+`Observed`: observations that the grammar makes itself; the mapping renames their points and posts
+them at once. A line that is not of the grammar
 raises `InputError`, whole.
 
 **To add a source**: a class with ``lines(stop, health)`` that yields `ReceivedLine` or, about five
@@ -27,6 +28,7 @@ in ``channel``, and what is not text in ``content``.
 """
 
 from .distance_corrections import SensorBoard
+from .gnss_positions import AntennaPosition
 from .grammars import Grammar, GrammarRecord, grammar_record, grammar_words, register_grammar
 from .health import Health, HealthEvent
 from .instrument import Instrument
@@ -44,6 +46,7 @@ from .readings import (
 )
 
 __all__ = [
+    "AntennaPosition",
     "Grammar",
     "GrammarRecord",
     "Health",

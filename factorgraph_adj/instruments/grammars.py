@@ -8,13 +8,13 @@ instrument needs it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Protocol
+from typing import Any, Protocol
 
 from ..errors import InputError, known
-from ..io.format_options import options_of
+from ..io.format_options import arguments_of, options_of
 from .readings import Reading, ReceivedLine
 
 
@@ -47,9 +47,19 @@ class GrammarRecord:
         """Names of its keys of [[instrument]]."""
         return options_of(self.make)
 
+    def parser(self, options: Mapping[str, Any]) -> Grammar:
+        """Return a parser with options of [[instrument]], those of groups among them.
+
+        Raises:
+            InputError: the options do not fit together.
+        """
+        return self.make(**arguments_of(self.make, options))
+
 
 GRAMMAR_MODULES = {
     "gsi-online": "gsi_online",
+    "nmea": "nmea",
+    "sensor-lines": "sensor_lines",
 }
 """Module of each grammar by its word."""
 _REGISTERED: dict[str, GrammarRecord] = {}

@@ -18,9 +18,11 @@ from typing import Any
 
 from ..errors import AdjustmentError, InputError
 from ..io.numbers import Units
-from ..io.observation_records import observation_record
+from ..io.observation_records import observation_from_record, observation_record
+from ..network.network import Network
 from ..observations import Observation
 from .distance_corrections import SensorBoard, velocity_factor
+from .gnss_positions import AntennaPosition
 from .health import Health
 from .instrument_settings import InstrumentSettings
 from .line_sources import LineSource, shown
@@ -53,6 +55,7 @@ class Instrument:
         units: Units | None = None,
         sensors: SensorBoard | None = None,
         source: LineSource | None = None,
+        network: Network | None = None,
     ) -> None:
         """Start without lines.
 
@@ -61,11 +64,13 @@ class Instrument:
             units: units of the network's project, in which records are; default: metres and gon.
             sensors: values that the instruments of a site share.
             source: instead of that of the settings.
+            network: the network, whose frame and reference system place positions of GNSS.
         """
         self.settings = settings
         self.units = units or Units()
         self.sensors = SensorBoard() if sensors is None else sensors
         self.source = settings.make_source() if source is None else source
+        self.network = network
         self.grammar = settings.make_grammar()
         self.health = Health(settings.name)
         self.sets = SetFormation(settings)
@@ -127,12 +132,17 @@ class Instrument:
             case Observed():
                 renamed = [self._renamed(o) for o in reading.observations]
                 yield self._posting(renamed, time, reading.stamped is not None, [line])
+            case AntennaPosition():
+                yield self._posting([self._position(reading)], time, True, [line])
 
     def _time(self, line: ReceivedLine, reading: Reading) -> float:
         """Return when a reading was measured; tell that it is late."""
-        if reading.stamped is None or self.settings.clock == "receipt":
+        if reading.in_utc and reading.stamped is not None:
+            time = reading.stamped
+        elif reading.stamped is None or self.settings.clock == "receipt":
             return line.received
-        time = self.clock.time(reading.stamped, line.received)
+        else:
+            time = self.clock.time(reading.stamped, line.received)
         late = line.received - time > self.settings.late_after
         if late and not self._late and not line.place:
             what = f"late by {line.received - time:.0f} s: {self._place(line)}"
@@ -150,6 +160,17 @@ class Instrument:
         own = {f.name for f in fields(o)}
         names = [n for n in ("station", "target", "target2", "point") if n in own]
         return replace(o, **{n: self._name(getattr(o, n)) for n in names}, source=None)
+
+    def _position(self, reading: AntennaPosition) -> Observation:
+        """Return the observation of a position in the frame of the network."""
+        if self.network is None:
+            raise InputError(
+                "a position of GNSS needs the frame of the network, which is not known"
+            )
+        name = self._name(reading.point)
+        return observation_from_record(
+            reading.record(name, self.network.frame, self.network.crs), source=""
+        )
 
     def _corrected(self, line: ReceivedLine, sight: Sight, time: float) -> Sight | None:
         """Return a sight with the names of the network and corrected distances; None: left out."""

@@ -120,7 +120,7 @@ class InstrumentSettings:
 
     def make_grammar(self) -> Grammar:
         """Return a parser."""
-        return grammar_record(self.grammar).make(**self.options)
+        return grammar_record(self.grammar).parser(self.options)
 
 
 DURATIONS = (
@@ -263,7 +263,7 @@ def _grammar_options(row: FieldRow, word: str) -> dict[str, Any]:
         lambda: fitting_options(record.make, given, doing=f"grammar {word}", where=""),
     )
     if options is not None:
-        _noting(row, "", lambda: record.make(**options))
+        _noting(row, "", lambda: record.parser(options))
     return options or {}
 
 

@@ -436,6 +436,8 @@ SOURCES: dict[str, Callable[[str, Path], LineSource] | tuple[str, str]] = {
     "tcp": lambda rest, folder: TcpSource(*_address(rest)),
     "tcp-listen": lambda rest, folder: TcpServerSource(*_address(rest)),
     "serial": _serial,
+    "mqtt": ("mqtt", "mqtt_source"),
+    "mqtts": ("mqtt", "mqtts_source"),
 }
 """Sources by scheme: what makes one of the text after the colon and the folder of the site file,
 or the module beside this one and its function that does."""

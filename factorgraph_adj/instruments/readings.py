@@ -49,6 +49,8 @@ class Reading:
 
     stamped: float | None = None
     """Time by the clock of the instrument, seconds since 1970 UTC; None: the line has none."""
+    in_utc: bool = False
+    """Whether ``stamped`` is UTC whatever the rules for clocks are, as of GNSS."""
     identity: str = ""
     """Number or time by which the line differs from all others of the instrument; empty: it has
     none, so that two readings of the same values may be the same text."""
