@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
-from typing import Any
 
 from fastapi import FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
@@ -142,8 +141,3 @@ def _add_page(app: FastAPI) -> None:
         return FileResponse(Path(plotly.__file__).parent / "package_data" / "plotly.min.js")
 
     app.mount("/page", StaticFiles(directory=PAGE_FOLDER), name="page")
-
-
-def site_of(request: Request) -> Any:
-    """Return the site of a request."""
-    return request.app.state.site

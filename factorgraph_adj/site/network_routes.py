@@ -15,7 +15,6 @@ from fastapi import APIRouter, Body, Query, Response
 from ..errors import InputError
 from ..io.project_writer import network_files
 from ..report.layout import finite_json
-from .access import Caller
 from .dependencies import Decider, Network, Poster, Reader, TheSite
 from .live_network import COMMANDS_THAT_CHANGE, LiveNetwork
 from .site import NoSuchThing
@@ -222,6 +221,3 @@ def project(network: Network, caller: Reader, epoch: int | None = None) -> Respo
         for name, text in files.items():
             archive.writestr(f"{network.settings.name}/{name}", text)
     return _download(target.getvalue(), f"{network.settings.name}.zip", "application/zip")
-
-
-__all__ = ["Caller", "network_router"]

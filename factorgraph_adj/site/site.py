@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import time as clock
 from collections.abc import Iterable
+from contextlib import suppress
 from typing import Any
 
 from ..errors import InputError, known
+from ..instruments.instrument_settings import read_instruments
 from ..io.project import Project
 from ..io.readers import READERS
 from ..version import __version__
 from .access import Access
-from .database import Database
+from .database import Database, DatabaseAway
 from .event_log import EventLog
 from .live_network import LiveNetwork
 from .site_file import SiteSettings
+from .site_instruments import SiteInstruments
 
 
 class NoSuchThing(InputError):
@@ -34,6 +38,12 @@ class Site:
             InputError: a project or the database cannot be opened.
         """
         self.settings = settings
+        instruments = read_instruments(
+            settings.tables.get("instrument"),
+            where=settings.path.name,
+            folder=settings.path.parent,
+            networks=[n.name for n in settings.networks],
+        )
         projects: list[Project] = [
             READERS.load(str(n.project), allow_outside=allow_outside, options={})
             for n in settings.networks
@@ -46,6 +56,7 @@ class Site:
                 n.name: LiveNetwork(n, project, self.database, changed=self.events.changed)
                 for n, project in zip(settings.networks, projects, strict=True)
             }
+            self.instruments = SiteInstruments(instruments, self.networks, self._tell_health)
         except BaseException:
             self.database.close()
             raise
@@ -54,12 +65,21 @@ class Site:
         """Begin to take postings."""
         for network in self.networks.values():
             network.start()
+        self.instruments.start()
 
     def stop(self) -> None:
         """Execute what waits, and close the database."""
+        self.instruments.stop()
         for network in self.networks.values():
             network.stop()
         self.database.close()
+
+    def _tell_health(self, network: str, health: dict[str, Any]) -> None:
+        """Record that the health of an instrument has changed."""
+        with suppress(DatabaseAway):  # it is told with the next change
+            self.events.record(
+                "instrument", health, at=clock.time(), network=self.network(network).id
+            )
 
     def network(self, name: str) -> LiveNetwork:
         """Return a network.

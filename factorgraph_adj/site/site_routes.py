@@ -10,7 +10,7 @@ from fastapi import APIRouter, Body, Header, Query, Request, Response
 from fastapi.responses import StreamingResponse
 
 from .access import RIGHTS
-from .dependencies import COOKIE, Manager, Reader, TheSite, caller_with
+from .dependencies import COOKIE, Manager, Reader, TheSite
 from .event_log import Event
 from .views import EpochView
 
@@ -72,6 +72,12 @@ def _shown(event: Event, names: dict[int, str]) -> str:
     return f"id: {event.id}\nevent: {event.kind}\ndata: {data}\n\n"
 
 
+@site_router.get("/instruments")
+def instruments(site: TheSite, caller: Reader) -> list[Answer]:
+    """Return the health of the instruments, with the latest events of each."""
+    return site.instruments.health()
+
+
 # -- sessions and tokens ---------------------------------------------------------------------------
 
 
@@ -119,6 +125,3 @@ def revoke_token(site: TheSite, caller: Manager, name: str) -> Answer:
     """Revoke a token."""
     site.access.revoke(name)
     return {}
-
-
-__all__ = ["caller_with", "site_router"]

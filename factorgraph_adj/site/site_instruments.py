@@ -1,0 +1,120 @@
+"""Instruments of a site: a thread for each, which posts what its lines come to; their health."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Mapping
+from threading import Event, Thread
+from typing import Any
+
+from ..errors import InputError, Problem
+from ..instruments.distance_corrections import SensorBoard
+from ..instruments.instrument import Instrument
+from ..instruments.instrument_settings import InstrumentSettings
+from ..instruments.readings import Posting
+from .database import DatabaseAway
+from .live_network import LiveNetwork, Overloaded
+
+POSTED_SECONDS = 120.0
+"""Time after which a posting without an answer is tried again, seconds."""
+WATCH_SECONDS = 1.0
+"""Time between two looks at the health of the instruments, seconds."""
+MIN_EVENT_SECONDS = 5.0
+"""Least time between two events about counts alone of one instrument, seconds."""
+
+
+class SiteInstruments:
+    """The instruments of a site while it is served."""
+
+    def __init__(
+        self,
+        settings: list[InstrumentSettings],
+        networks: Mapping[str, LiveNetwork],
+        told: Callable[[str, dict[str, Any]], None],
+    ) -> None:
+        """Take the instruments; nothing is read yet.
+
+        Args:
+            settings: their tables of the site file.
+            networks: the networks of the site by name.
+            told: takes the network and the health of an instrument whose state has changed.
+        """
+        board = SensorBoard()
+        self._networks, self._told = networks, told
+        self._instruments = {
+            s.name: Instrument(s, units=networks[s.network].project.units, sensors=board)
+            for s in settings
+        }
+        self._stop = Event()
+        self._threads = [
+            Thread(target=self._run, args=(i,), name=f"instrument {name}", daemon=True)
+            for name, i in self._instruments.items()
+        ]
+        if self._instruments:
+            self._threads.append(Thread(target=self._watch, name="instruments", daemon=True))
+
+    def start(self) -> None:
+        """Begin to read."""
+        for thread in self._threads:
+            thread.start()
+
+    def stop(self) -> None:
+        """End; what is complete is posted first."""
+        self._stop.set()
+        for thread in self._threads:
+            if thread.is_alive():
+                thread.join(10.0)
+
+    def health(self) -> list[dict[str, Any]]:
+        """Return the health of all instruments."""
+        return [
+            {"network": i.settings.network, **i.health.snapshot()}
+            for i in self._instruments.values()
+        ]
+
+    def _run(self, instrument: Instrument) -> None:
+        """Read until the end; a fault of the program is told, and the reading begins again."""
+        while not self._stop.is_set():
+            try:
+                instrument.run(lambda posting: self._post(instrument, posting), self._stop)
+                return  # the source has ended
+            except Exception as error:
+                what = f"a fault of the program: {type(error).__name__}: {error}"
+                instrument.health.trouble(what, clock.time())
+                self._stop.wait(WATCH_SECONDS)
+
+    def _post(self, instrument: Instrument, posting: Posting) -> None:
+        """Post, and return when it is on the disk.
+
+        Raises:
+            InputError: the network refuses it.
+            ConnectionError: the database is away, or too much waits: it is tried again.
+        """
+        record = {**posting.record, "time": posting.time, "request": posting.request}
+        try:
+            found = self._networks[posting.network].submit(record, instrument.settings.name)
+            answer = found.result(POSTED_SECONDS)
+        except (DatabaseAway, Overloaded) as error:
+            raise ConnectionError(str(error)) from None
+        if not answer["ok"]:
+            raise InputError([Problem(e["what"], e["where"]) for e in answer["error"]])
+
+    def _watch(self) -> None:
+        """Tell changes of health."""
+        last: dict[str, tuple[Any, ...]] = {}
+        when: dict[str, float] = {}
+        while not self._stop.wait(WATCH_SECONDS):
+            for name, instrument in self._instruments.items():
+                shown = instrument.health.snapshot()
+                state = (shown["state"], shown["problem"], shown["problem_time"])
+                key, now = (*state, shown["lines"], shown["postings"]), clock.monotonic()
+                if last.get(name) == key:
+                    continue
+                if (
+                    last.get(name, ())[:3] == state
+                    and now - when.get(name, 0.0) < MIN_EVENT_SECONDS
+                ):
+                    continue
+                last[name], when[name] = key, now
+                shown.pop("events")
+                self._told(instrument.settings.network, shown)
