@@ -1,0 +1,99 @@
+// Epochs with their congruence tests, and σ̂0 and variance components over time.
+import { request } from "./api.js";
+import { axis, chart, local, plain } from "./charts.js";
+import { ask, button, colour, figures, fill, h } from "./dom.js";
+import { fixed, isNumber, metres, moment, stamp, t, word } from "./language.js";
+import { here, watch } from "./live.js";
+import { act, link, may, part, pill, pointLink, pointLinks } from "./parts.js";
+import { Table } from "./table.js";
+
+const COLOURS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b08400", "#56b4e9", "#8c8c8c"];
+const SYMBOLS = ["circle", "square", "diamond", "triangle-up", "cross", "x", "star"];
+
+const movedOf = (e) => e.congruence?.moved ?? [];
+const outcome = (e) => {
+  if (!e.congruence) return h("span", { class: "note" }, "–");
+  const moved = movedOf(e).length;
+  return pill(moved ? "moved" : "stable", moved ? t("moved_n", { n: moved }) : t("stable"));
+};
+
+export function epochs(root, [number], signal) {
+  if (number !== undefined) { epoch(root, number, signal); return; }
+  const box = part(null), sigma = part(t("components"));
+  const table = new Table({
+    caption: t("view_epochs"), name: (e) => String(e.number), open: (e) => (location.hash = link("epochs", e.number)),
+    columns: [
+      { title: t("epoch"), number: true, value: (e) => e.number, node: (e) => h("a", { href: link("epochs", e.number), tabindex: -1 }, e.number) },
+      { title: t("begin"), value: (e) => e.begin, text: (e) => stamp(e.begin), node: (e) => moment(e.begin) },
+      { title: t("end"), value: (e) => e.end, text: (e) => stamp(e.end), node: (e) => moment(e.end), later: true },
+      { title: t("state"), value: (e) => word("state", e.state), later: true, node: (e) => [word("state", e.state), e.revision > 1 ? ` (${t("revision", { number: e.revision })})` : ""] },
+      { title: "σ̂0", number: true, value: (e) => e.sigma0 ?? NaN, text: (e) => fixed(e.sigma0, 3) },
+      { title: t("redundancy"), number: true, later: true, value: (e) => e.redundancy ?? NaN, text: (e) => String(e.redundancy ?? "–") },
+      { title: t("congruence"), value: (e) => movedOf(e).length, number: false, text: (e) => (e.congruence ? (movedOf(e).length ? t("moved_n", { n: movedOf(e).length }) : t("stable")) : "–"), node: outcome },
+      { title: t("moved_points"), later: true, value: (e) => movedOf(e).join(", "), node: (e) => pointLinks(movedOf(e), 6) },
+    ],
+  });
+  const tools = h("div", { class: "row" });
+  if (may("surveyor")) tools.append(button(t("close_epoch"), async () => {
+    const sure = await ask({ title: t("close_title"), content: h("p", {}, t("close_what")), agree: t("close_epoch"), cancel: t("cancel") });
+    if (sure) act(tools, () => request("POST", here("epochs"), { close: true }), () => t("close_done"));
+  }));
+  root.append(tools, box.node, sigma.node);
+  watch(here("epochs"), (r) => box.show(r, (found) => { if (!table.node.isConnected) fill(box.body, table.node); table.set(found.toReversed()); }), { events: ["epoch"], signal });
+  const plot = h("div", { class: "plot", role: "img", "aria-label": t("components_label") });
+  let draw = null, data = [];
+  watch(here("variance-components"), (r) => sigma.show(r, (found) => {
+    data = found;
+    if (!data.length) { fill(sigma.body, h("p", { class: "note" }, t("components_none"))); return; }
+    if (!plot.isConnected) fill(sigma.body, plot, h("p", { class: "note" }, t("components_help")));
+    if (draw) draw(); else if (!plot.begun) { plot.begun = true; chart(plot, () => componentsFigure(data), signal).then((d) => (draw = d)); }
+  }), { events: ["epoch"], least: 2000, signal });
+}
+
+function componentsFigure(found) {
+  const times = found.map((e) => local(e.time)), names = [...new Set(found.flatMap((e) => (e.groups ?? []).map((g) => g.name)))];
+  const data = [
+    { type: "scatter", mode: "lines+markers", name: "σ̂0", x: times, y: found.map((e) => e.sigma0), line: { color: colour("ink"), width: 2.5 }, marker: { size: 5 } },
+    ...names.map((name, i) => ({
+      type: "scatter", mode: "lines+markers", name: plain(name), x: times, y: found.map((e) => e.groups?.find((g) => g.name === name)?.component ?? null),
+      line: { color: COLOURS[i % COLOURS.length], width: 1.4, dash: ["solid", "dash", "dot"][i % 3] }, marker: { symbol: SYMBOLS[i % SYMBOLS.length], size: 6 },
+    })),
+  ];
+  return { data, layout: { xaxis: axis({ type: "date" }), yaxis: axis({ title: { text: t("factor_sigma") }, rangemode: "tozero" }), shapes: [{ type: "line", xref: "paper", x0: 0, x1: 1, y0: 1, y1: 1, line: { color: colour("soft"), dash: "dot" } }] } };
+}
+
+// -- one epoch --------------------------------------------------------------------------------
+
+function epoch(root, number, signal) {
+  const box = part(null);
+  root.append(h("p", { class: "row" }, h("a", { href: link("epochs") }, `‹ ${t("view_epochs")}`)), box.node);
+  let table = null;
+  watch(here(`epochs/${encodeURIComponent(number)}`), (r) => box.show(r, (e) => {
+    const c = e.congruence, rows = e.displacements ?? [], blocks = e.blocks ?? [];
+    const head = h("div", {},
+      h("h2", { class: "livehead" }, t("epoch_n", { number: e.number }), " ", outcome(e)),
+      figures([
+        [t("begin"), moment(e.begin)], [t("end"), moment(e.end)], [t("state"), word("state", e.state)],
+        ["σ̂0", fixed(e.sigma0, 3)], [t("redundancy"), e.redundancy ?? "–"], [t("revision_head"), e.revision ?? "–"],
+      ], { class: "figures small" }),
+      c ? h("p", {}, t(movedOf(e).length ? "congruence_failed" : "congruence_passed", { against: e.against ?? "–", test: fixed(c.test, 2), critical: fixed(c.critical, 2) }), movedOf(e).length ? [" ", t("moved_points"), ": ", pointLinks(movedOf(e), 30)] : null) : h("p", { class: "note" }, t("congruence_none")));
+    const blockList = blocks.length ? [h("h3", { class: "livehead" }, t("blocks")), h("ul", { class: "cards" }, blocks.map((b, i) => h("li", { class: "card" },
+      h("strong", {}, t("block_n", { number: i + 1 })), " ", pill(b.moved ? "moved" : "stable", t(b.moved ? "moved" : "stable")),
+      h("div", { class: "figure" }, (b.translation_mm ?? []).map((v) => fixed(v, 1)).join(" / "), " mm", isNumber(b.rotation_mgon) ? `, ${fixed(b.rotation_mgon, 1)} mgon` : ""),
+      h("div", { class: "note" }, pointLinks(b.points ?? [], 20)))))] : null;
+    if (!table && rows.length) table = new Table({
+      caption: t("displacements", { against: e.against ?? "–" }), open: (d) => (location.hash = link("points", d.name)),
+      columns: [
+        { title: t("name"), value: (d) => d.name, node: (d) => pointLink(d.name) },
+        ...["x", "y", "z"].map((a) => ({ title: `Δ${a} [mm]`, number: true, value: (d) => 1000 * metres(d, `d${a}`), text: (d) => fixed(1000 * metres(d, `d${a}`), 2) })),
+        ...["x", "y", "z"].map((a) => ({ title: `σ Δ${a} [mm]`, number: true, later: true, value: (d) => 1000 * metres(d, `sigma_d${a}`), text: (d) => fixed(1000 * metres(d, `sigma_d${a}`), 2) })),
+        { title: "T", number: true, value: (d) => d.T ?? NaN, text: (d) => fixed(d.T, 2) },
+        { title: t("critical"), number: true, later: true, value: (d) => d.critical ?? NaN, text: (d) => fixed(d.critical, 2) },
+        { title: `${t("detectable")} [mm]`, number: true, later: true, value: (d) => 1000 * metres(d, "detectable"), text: (d) => fixed(1000 * metres(d, "detectable"), 2) },
+        { title: t("verdict"), value: (d) => (d.moved ? 1 : 0), text: (d) => t(d.moved ? "moved" : "stable"), node: (d) => pill(d.moved ? "moved" : "stable", t(d.moved ? "moved" : "stable")) },
+      ],
+    });
+    table?.set(rows);
+    fill(box.body, head, blockList, table ? table.node : null);
+  }), { events: ["epoch"], signal });
+}

@@ -1,0 +1,30 @@
+// Health of the instruments.
+import { figures, fill, h } from "./dom.js";
+import { duration, fixed, isNumber, moment, t } from "./language.js";
+import { context, now, on, watch } from "./live.js";
+import { part, pill } from "./parts.js";
+import { instrumentsOf } from "./state.js";
+
+export function instruments(root, _, signal) {
+  const box = part(null);
+  root.append(box.node);
+  const ages = [];
+  on("tick", () => { for (const [node, at] of ages) node.textContent = t("ago", { time: duration(now() - at) }); }, signal);
+  watch("instruments", (r) => box.show(r, (found) => {
+    const own = instrumentsOf(found);
+    ages.length = 0;
+    fill(box.body, own.length ? h("ul", { class: "cards" }, own.map((i) => {
+      const age = h("span", { class: "note" });
+      if (isNumber(i.last_message)) { ages.push([age, i.last_message]); age.textContent = t("ago", { time: duration(now() - i.last_message) }); }
+      return h("li", { class: "card", "data-instrument": i.name },
+        h("h2", {}, i.name, " ", pill(i.state)),
+        h("p", { class: "note" }, [i.grammar, i.source, i.network !== context.network ? i.network : null].filter(Boolean).join(" · ")),
+        i.problem ? h("p", { class: "problem", lang: "en" }, i.problem) : null,
+        figures([
+          [t("last_message"), [moment(i.last_message, { withSeconds: true }), " ", age]],
+          [t("messages"), i.messages ?? "–"], [t("refused"), i.refused ?? "–"], [t("gaps"), i.gaps ?? "–"],
+          [t("clock_offset"), isNumber(i.clock_offset_s) ? `${fixed(i.clock_offset_s, 1)} s` : "–"],
+        ], { class: "figures small" }));
+    })) : h("p", { class: "note" }, t("no_instruments")));
+  }), { events: ["instrument"], every: 10000, signal });
+}

@@ -1,0 +1,244 @@
+// What the page knows of the service: resources that are read again as events come, the events,
+// and whether the connection stands.
+import { address, read } from "./api.js";
+
+const EVENTS = ["arrival", "refused", "epoch", "alarm", "instrument", "hello", "beat"];
+const MOST_LOGGED = 500;
+const FIRST_PAUSE = 1000, LONGEST_PAUSE = 15000;
+
+const bus = new EventTarget();
+const emit = (name, detail) => bus.dispatchEvent(new CustomEvent(name, { detail }));
+export const on = (name, act, signal) => bus.addEventListener(name, (e) => act(e.detail), { signal });
+
+export const now = () => Date.now() / 1000;
+export const context = {
+  site: null, network: null, role: null,
+  counts: null, // of the latest answer, newer than the summary
+  log: [], // the latest events, oldest first
+  states: new Map(), // latest verdict of observations that the page has heard of
+};
+export const connection = { state: "connecting", since: now(), heard: null };
+
+let source = null, lastId = null, pause = FIRST_PAUSE, timer = null, watchdog = null;
+
+function change(state) {
+  if (connection.state === state) return;
+  const before = connection.state;
+  connection.state = state;
+  connection.since = now();
+  emit("connection", { before });
+  if (state === "live" && before === "lost") readAllAgain();
+}
+
+function heard() {
+  connection.heard = now();
+  pause = FIRST_PAUSE;
+  change("live");
+  emit("heard");
+}
+
+export function connect() {
+  disconnect();
+  const query = new URLSearchParams({ network: context.network });
+  if (lastId !== null) query.set("after", lastId);
+  source = new EventSource(address(`events?${query}`));
+  const own = source;
+  source.onopen = heard;
+  source.onerror = () => {
+    if (own !== source) return;
+    change("lost");
+    // The browser reconnects by itself, unless the answer was an error: then the page does.
+    if (own.readyState === EventSource.CLOSED) again();
+  };
+  for (const name of EVENTS) source.addEventListener(name, (e) => own === source && received(name, e));
+  watchdog = setInterval(() => {
+    const quiet = now() - (connection.heard ?? connection.since);
+    if (quiet > 2.5 * (context.site?.beat_s ?? 10)) {
+      change("lost");
+      if (source && connection.state === "lost" && !timer) again();
+    }
+    emit("tick");
+  }, 1000);
+}
+
+function again() {
+  if (timer) return;
+  source?.close();
+  timer = setTimeout(async () => {
+    timer = null;
+    try { await read("site"); } catch (error) {
+      if (error.status === 401) { emit("login"); return; }
+      pause = Math.min(pause * 1.6, LONGEST_PAUSE);
+      again();
+      return;
+    }
+    connect();
+  }, pause);
+}
+
+export function disconnect() {
+  source?.close();
+  source = null;
+  clearTimeout(timer);
+  timer = null;
+  clearInterval(watchdog);
+}
+
+// A phone that wakes up, or comes back to the network, does not wait for the pause to end.
+for (const [target, name] of [[window, "online"], [document, "visibilitychange"]])
+  target.addEventListener(name, () => {
+    if (connection.state === "lost" && source && !document.hidden) { pause = FIRST_PAUSE; connect(); }
+  });
+addEventListener("offline", () => change("lost"));
+
+function received(name, event) {
+  heard();
+  if (event.lastEventId) lastId = event.lastEventId;
+  let data = {};
+  try { data = JSON.parse(event.data || "{}"); } catch { return; }
+  if (name === "beat") return;
+  if (name === "hello") { readAllAgain(); return; }
+  take({ id: event.lastEventId || null, event: name, data }, true);
+}
+
+export const answerOf = (data) => data.answer ?? data;
+export const verdictsOf = (answer) => [
+  ...(answer.verdicts ?? (answer.verdict ? [answer] : [])), ...(answer.entered ?? []),
+];
+
+function take(entry, fresh) {
+  if (entry.id !== null && context.log.some((e) => e.id === String(entry.id))) return;
+  entry.id = entry.id === null ? null : String(entry.id);
+  context.log.push(entry);
+  if (context.log.length > MOST_LOGGED) context.log.splice(0, context.log.length - MOST_LOGGED);
+  const answer = answerOf(entry.data);
+  if (entry.event === "arrival") {
+    for (const v of verdictsOf(answer)) context.states.set(v.id, v.verdict);
+    for (const id of answer.waits_again ?? []) context.states.set(id, "waiting");
+    for (const id of answer.gone ?? []) context.states.set(id, "gone");
+    if (fresh && answer.counts) context.counts = answer.counts;
+    if (fresh) patchPoints(answer);
+  }
+  if (fresh) {
+    emit("event", entry);
+    for (const resource of resources.values()) if (resource.events.has(entry.event)) resource.wish();
+  }
+}
+
+// Coordinates and σ of points come with the answers; ellipses with the next reading.
+function patchPoints(answer) {
+  const resource = resources.get(here("points"));
+  if (!resource?.data || !(answer.points?.length || answer.points_lost?.length)) return;
+  resource.byName ??= new Map(resource.data.map((p) => [p.name, p]));
+  for (const p of answer.points ?? []) {
+    const row = resource.byName.get(p.name);
+    if (row) Object.assign(row, p); else { resource.data.push(p); resource.byName.set(p.name, p); }
+  }
+  emit("points", answer.points ?? []);
+}
+
+// -- resources --------------------------------------------------------------------------------
+
+const resources = new Map();
+export const here = (path) => `networks/${encodeURIComponent(context.network)}${path ? `/${path}` : ""}`;
+
+class Resource {
+  constructor(path) {
+    Object.assign(this, { path, data: undefined, at: null, error: null, watchers: new Set(), events: new Set() });
+    Object.assign(this, { reading: null, wished: false, took: 0, begun: 0, least: 400, timer: null });
+  }
+
+  // Reads soon: not again within `least`, nor so often that reading takes more than a fifth of the time.
+  wish() {
+    this.wished = true;
+    if (this.reading || this.timer || !this.watchers.size) return;
+    const wait = this.begun + Math.max(this.least, 5 * this.took) - Date.now();
+    this.timer = setTimeout(() => { this.timer = null; this.read(); }, Math.max(wait, 0));
+  }
+
+  async read() {
+    if (this.reading) return this.reading;
+    this.wished = false;
+    this.begun = Date.now();
+    this.reading = (async () => {
+      try {
+        const data = await read(this.path);
+        this.data = data;
+        this.byName = undefined;
+        this.at = now();
+        this.error = null;
+        this.failedSince = null;
+      } catch (error) {
+        this.error = error;
+        this.failedSince ??= now();
+        if (error.status === 401) emit("login");
+        else if (error.status === 503 || error.status === 0) setTimeout(() => this.wish(), 1000 * (error.retryAfter ?? 3));
+      }
+      this.took = Date.now() - this.begun;
+      this.reading = null;
+      for (const watcher of [...this.watchers]) watcher(this);
+      if (this.wished) this.wish();
+    })();
+    return this.reading;
+  }
+}
+
+// Calls `show(resource)` now, if it has been read, and whenever it has been read again.
+export function watch(path, show, { events = [], least = 400, every = 0, signal } = {}) {
+  let resource = resources.get(path);
+  if (!resource) resources.set(path, (resource = new Resource(path)));
+  // What nobody watched has not been kept up to date: it is read first.
+  const kept = resource.watchers.size > 0 && resource.data !== undefined;
+  resource.watchers.add(show);
+  for (const e of events) resource.events.add(e);
+  resource.least = Math.max(resource.least, least);
+  const clockwork = every ? setInterval(() => connection.state === "live" && resource.wish(), every) : null;
+  signal?.addEventListener("abort", () => { resource.watchers.delete(show); clearInterval(clockwork); });
+  if (kept) show(resource);
+  resource.begun = 0;
+  resource.wish();
+  return resource;
+}
+
+export const peek = (path) => resources.get(path)?.data;
+export function readAllAgain() {
+  for (const resource of resources.values()) { resource.begun = 0; resource.wish(); }
+  if (context.network) fillLog();
+}
+
+// The verdicts of before the page was opened.
+async function fillLog() {
+  const network = context.network;
+  try {
+    const found = await read(here("events?most=100"));
+    if (network !== context.network) return;
+    const mine = context.log;
+    context.log = [];
+    context.states.clear();
+    for (const e of [...found, ...mine]) take({ id: e.id, event: e.event, data: e.data }, false);
+    context.log.sort((a, b) => Number(a.id) - Number(b.id));
+    const newest = context.log.at(-1)?.id;
+    if (newest && (lastId === null || Number(newest) > Number(lastId))) lastId = newest;
+    emit("log");
+  } catch { /* an older service has no log: the list begins with what comes */ }
+}
+
+export async function useNetwork(name) {
+  disconnect();
+  resources.clear();
+  Object.assign(context, { network: name, counts: null, log: [] });
+  context.states.clear();
+  lastId = null;
+  connection.state = "connecting";
+  if (!name) return;
+  await fillLog();
+  connect();
+}
+
+export function forget() {
+  useNetwork(null);
+  Object.assign(context, { site: null, role: null });
+}
+
+const RANKS = { instrument: 0, viewer: 1, surveyor: 2, admin: 3 };
+export const may = (role) => (RANKS[context.role] ?? -1) >= RANKS[role];

@@ -1,0 +1,87 @@
+// The first view: the light with its reason, the figures, alarms and instruments.
+import { request } from "./api.js";
+import { ask, button, figures, fill, h } from "./dom.js";
+import { fixed, moment, t, word } from "./language.js";
+import { context, here, on, peek, watch } from "./live.js";
+import { act, link, may, part, pill } from "./parts.js";
+import { alarmSentence, alarmsOf, countsOf, instrumentsOf, light, sigma0Of } from "./state.js";
+import { symbol } from "./symbols.js";
+
+export function overview(root, _, signal) {
+  const lamp = h("section", { class: "light unknown", "aria-label": t("light") });
+  const numbers = part(t("figures")), alarms = part(t("alarms"), { id: "alarms" }), health = part(t("instruments"));
+  root.append(lamp, h("div", { class: "two" }, h("div", {}, numbers.node, health.node), alarms.node));
+
+  const shine = () => {
+    const { state, reasons } = light(peek(here("")), peek("alarms?state=standing"), peek("instruments"));
+    lamp.className = `light ${state}`;
+    lamp.dataset.state = state;
+    fill(lamp, symbol(state), h("h2", {}, t(`light_name_${state}`)), reasons.length > 1 ? h("ul", {}, reasons.map((r) => h("li", {}, r))) : h("p", {}, reasons[0]));
+  };
+  on("connection", shine, signal);
+
+  const drawNumbers = () => {
+    const s = peek(here(""));
+    if (!s) return;
+    const c = countsOf(s), [low, high] = s.sigma0_limits ?? [];
+    fill(numbers.body, figures([
+      [t("sigma0"), [fixed(sigma0Of(s), 3), low !== undefined && h("span", { class: "note" }, ` ${fixed(low, 2)} … ${fixed(high, 2)}`)], { "data-figure": "sigma0" }],
+      [t("observations"), c.observations ?? "–", { "data-figure": "observations" }],
+      [t("redundancy"), c.redundancy ?? s.redundancy ?? "–"],
+      [t("suspects"), h("a", { href: link("verdicts", "suspects") }, c.suspects ?? "–"), { "data-figure": "suspects" }],
+      [t("waiting"), h("a", { href: link("verdicts", "waiting") }, c.waiting ?? "–"), { "data-figure": "waiting" }],
+      [t("rejected"), h("a", { href: link("verdicts", "rejected") }, c.rejected ?? "–")],
+      [t("doubts"), h("a", { href: link("verdicts", "doubts") }, c.doubts ?? "–")],
+      [t("points"), s.points ?? "–"],
+      s.photos ? [t("photos"), s.photos] : null,
+      [t("epoch"), s.epoch ? [h("a", { href: link("epochs") }, s.epoch.number), ` ${word("state", s.epoch.state)}`, s.epoch.begin ? [`, ${t("since")} `, moment(s.epoch.begin)] : ""] : "–"],
+      s.last_arrival ? [t("last_arrival"), moment(s.last_arrival, { withSeconds: true })] : null,
+    ]), h("p", { class: "note" }, t("settings_of", { policy: word("policy", s.policy), alpha: s.alpha ?? "–", datum: s.datum ?? "–", crs: s.crs ?? t("local") })));
+  };
+
+  const draw = (where, what) => (resource) => { where.show(resource, what); shine(); };
+  watch(here(""), draw(numbers, drawNumbers), { events: ["arrival", "epoch"], least: 2000, signal });
+  on("event", (entry) => { if (entry.event === "arrival") { drawNumbers(); shine(); } }, signal);
+  watch("alarms?state=standing", draw(alarms, (found) => drawAlarms(alarms.body, found)), { events: ["alarm"], every: 30000, signal });
+  watch("instruments", draw(health, (found) => {
+    const own = instrumentsOf(found);
+    fill(health.body, own.length
+      ? h("ul", { class: "cards" }, own.map((i) => h("li", { class: "card" }, h("a", { href: link("instruments") }, i.name), " ", pill(i.state), h("div", { class: "note" }, t("last_message"), " ", moment(i.last_message, { withSeconds: true }), i.problem ? ` · ${i.problem}` : ""))))
+      : h("p", { class: "note" }, t("no_instruments")));
+  }), { events: ["instrument"], every: 15000, signal });
+  shine();
+}
+
+function drawAlarms(box, found) {
+  const standing = alarmsOf(found);
+  const focus = box.contains(document.activeElement) ? document.activeElement.dataset.key : null;
+  fill(box, standing.length ? h("ul", { class: "verdicts" }, standing.map(alarmItem)) : h("p", { class: "note" }, t("no_alarms")));
+  if (focus) box.querySelector(`[data-key="${CSS.escape(focus)}"]`)?.focus();
+}
+
+export function alarmItem(a) {
+  const row = h("div", { class: "row" });
+  const post = (what, body, said) => act(row, () => request("POST", `alarms/${encodeURIComponent(a.id)}/${what}`, body), said);
+  if (may("surveyor") && (a.state === "open" || a.state === "silenced"))
+    row.append(button(t("acknowledge"), () => post("acknowledge", {}, () => t("acknowledged_done", { rule: a.rule })), { "data-key": `ack-${a.id}` }));
+  if (may("surveyor") && a.state !== "silenced")
+    row.append(button(t("silence"), async () => {
+      const given = await ask({
+        title: t("silence_title", { rule: a.rule }), agree: t("silence"), cancel: t("cancel"),
+        content: h("label", { class: "field" }, t("silence_hours"), h("input", { name: "hours", type: "number", min: 0.1, step: "any", value: "8", required: true, inputmode: "decimal" })),
+        check: (form) => (Number(form.hours.value) > 0 ? null : t("silence_wrong")),
+      });
+      if (given) post("silence", { hours: Number(given.get("hours")) }, () => t("silenced_done", { rule: a.rule, hours: given.get("hours") }));
+    }, { "data-key": `silence-${a.id}` }));
+  return h("li", { class: a.state === "open" ? "rejected" : "suspect", "data-alarm": a.id },
+    h("div", { class: "head" }, pill(a.state), h("strong", {}, a.rule), a.network && a.network !== context.network ? h("span", { class: "note" }, a.network) : null),
+    h("div", {}, alarmSentence(a)),
+    a.text ? h("div", { class: "why", lang: "en" }, a.text) : null,
+    h("div", { class: "why" }, [
+      a.until ? [t("until"), " ", moment(a.until), " · "] : null,
+      a.state === "silenced" && a.silenced_until ? [t("silenced_until"), " ", moment(a.silenced_until), " · "] : null,
+      a.by ? `${t("by")} ${a.by} · ` : null,
+      a.false_alarms_per_month !== undefined && a.false_alarms_per_month !== null ? t("false_alarms", { rate: a.false_alarms_per_month }) : null,
+    ]),
+    row.childElementCount ? row : null);
+}

@@ -1,0 +1,74 @@
+// Parts that several views have.
+import { command } from "./api.js";
+import { button, fill, h, say } from "./dom.js";
+import { clock, stamp, t, utc, word } from "./language.js";
+import { connection, context, may, now } from "./live.js";
+import { symbol } from "./symbols.js";
+
+export const pill = (state, text) => h("span", { class: `pill ${state}` }, symbol(state), text ?? word("state", state));
+
+export const link = (view, ...rest) =>
+  `#/${encodeURIComponent(context.network ?? "")}/${[view, ...rest].map((p) => encodeURIComponent(p)).join("/")}`;
+export const pointLink = (name) => h("a", { href: link("points", name) }, name);
+export const pointLinks = (names, most = 12) => [
+  names.slice(0, most).map((n, i) => [i ? ", " : "", pointLink(n)]),
+  names.length > most && ` ${t("and_more", { n: names.length - most })}`,
+];
+
+export const reason = (error) => error.message || String(error);
+
+// A box whose content is drawn from a resource, and which says so where this is not current.
+export function part(title, { level = "h2", id } = {}) {
+  const notice = h("p", { class: "problem", role: "status" });
+  const body = h("div", {}, h("p", { class: "note" }, t("reading")));
+  const node = h("section", { id: id ?? null }, title && h(level, { class: "livehead" }, title), notice, body);
+  return {
+    node, body,
+    show(resource, draw) {
+      const { error, at, data } = resource;
+      node.classList.toggle("old", Boolean(error) && data !== undefined);
+      if (error) {
+        node.style.setProperty("--as-of", `"${t("as_of", { at: stamp(at) })}"`);
+        notice.textContent = data === undefined
+          ? error.status === 404 ? t("not_offered") : t("unread", { reason: reason(error) })
+          : t("unread_since", { since: clock(resource.failedSince), reason: reason(error), at: stamp(at, true) });
+        if (data === undefined) { body.replaceChildren(); return; }
+      } else notice.textContent = "";
+      draw(data);
+    },
+  };
+}
+
+// Sends a command; its buttons are off while it runs. What went wrong stands beside them.
+export async function act(box, fields, done) {
+  const buttons = [...box.querySelectorAll("button")].filter((b) => !b.disabled);
+  let told = box.parentElement.querySelector(":scope > .problem");
+  if (!told) box.after((told = h("p", { class: "problem", role: "alert" })));
+  told.textContent = "";
+  for (const b of buttons) b.disabled = true;
+  try {
+    const answer = await (typeof fields === "function" ? fields() : command(context.network, fields));
+    say(done(answer));
+    return answer;
+  } catch (error) {
+    told.textContent = t("failed", { reason: reason(error) });
+    return null;
+  } finally {
+    for (const b of buttons) b.disabled = false;
+  }
+}
+
+// "Figures of 14:03:12" below a title of a view; a warning where the connection is lost.
+export function freshness() {
+  const node = h("p", { class: "note fresh" });
+  const update = () => {
+    const at = connection.heard;
+    if (connection.state === "live") fill(node, t("current", { at: clock(at, true) }));
+    else fill(node, h("strong", {}, t(connection.state === "lost" ? "not_current" : "connecting", { at: stamp(at, true) })));
+    node.title = at ? utc(at) : "";
+  };
+  update();
+  return { node, update };
+}
+
+export { button, may, now };

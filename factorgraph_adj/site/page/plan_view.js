@@ -1,0 +1,146 @@
+// The plan and the view in three dimensions, with their tools.
+import { button, fill, h } from "./dom.js";
+import { fixed, isNumber, metres, mm, recall, remember, stamp, t } from "./language.js";
+import { connection, here, on, peek, watch } from "./live.js";
+import { link, part, pointLink } from "./parts.js";
+import { Plan, SIGHTS, niceBelow } from "./plan.js";
+import { pointSearch } from "./search.js";
+import { svg } from "./symbols.js";
+
+const CRITICAL = 3.29; // of |w| at α = 0.001, where the service states none
+const FRESH = 60; // s for which the rays of a photo that has arrived are drawn
+
+export const criticalOf = (summary) => summary?.critical_w ?? CRITICAL;
+
+// Rows of the points for the plan, in metres.
+export function planRows(points) {
+  const out = [];
+  for (const p of points) {
+    const x = p.east ?? p.x, y = p.north ?? p.y;
+    if (!isNumber(x) || !isNumber(y) || p.determined === false) continue;
+    const e = p.ellipse ?? {};
+    out.push({
+      name: p.name, x, y, a: metres(e, "a"), b: metres(e, "b"), turn: ((e.azimuth_deg ?? 0) * Math.PI) / 180,
+      look: p.fixed ? "fixed" : p.object === false ? "reference" : "object",
+    });
+  }
+  return out;
+}
+
+export const fixedText = (p) => (p.fixed ? t("point_fixed", { axes: p.fixed }) : p.determined === false || p.x === null ? t("point_undetermined") : p.object === false ? t("point_reference") : t("point_object"));
+
+export function planView(root, [mode = "2d", chosen], signal) {
+  const dimension = mode === "3d" ? "3d" : "2d";
+  const modes = h("div", { class: "row" }, ["2d", "3d"].map((m) => button(t(`plan_${m}`), () => (location.hash = link("plan", m)), { "aria-pressed": String(m === dimension) })));
+  root.append(modes);
+  if (dimension === "3d") { import("./scene.js").then(({ scene }) => !signal.aborted && scene(root, signal)); return; }
+  drawPlan(root, modes, chosen, signal);
+}
+
+function drawPlan(root, bar, first, signal) {
+  const canvas = h("canvas", { tabindex: 0, role: "application", "aria-roledescription": t("plan_role"), "aria-label": t("plan_label"), "aria-describedby": "plan-keys" });
+  const told = h("div", { class: "told" }), card = h("div", { class: "chosen", role: "status" });
+  const notice = part(null);
+  let points = [];
+  const plan = new Plan(canvas, { chosen: describe, hovered: (name) => { if (told.dataset.name !== (name ?? "")) { told.dataset.name = name ?? ""; told.textContent = name ? hover(name) : ""; } } });
+  const scale = (up) => { plan.factor = niceBelow(plan.factor * (up ? 2.5 : 0.5)); plan.redraw(); };
+  const box = h("div", { class: "planbox" }, canvas, told, card, h("div", { class: "zoom" },
+    button("+", () => plan.zoom(1.5), { class: "icon", "aria-label": t("zoom_in"), title: t("zoom_in") }),
+    button("−", () => plan.zoom(1 / 1.5), { class: "icon", "aria-label": t("zoom_out"), title: t("zoom_out") }),
+    button("⤢", () => plan.fit(), { class: "icon", "aria-label": t("zoom_all"), title: t("zoom_all") })));
+  const search = pointSearch(() => plan.points.names, (name) => plan.show(name));
+  bar.append(search);
+  const epochs = h("select", { "aria-label": t("vectors_of"), on: { change: () => vectorsOf(epochs.value) } }, h("option", { value: "" }, t("vectors_none")));
+  const toggles = ["sights", "ellipses", "names", "photos"].map((what) => {
+    plan.shown[what] = recall(`plan-${what}`) !== "off";
+    const input = h("input", { type: "checkbox", checked: plan.shown[what], on: { change: () => { plan.shown[what] = input.checked; remember(`plan-${what}`, input.checked ? null : "off"); plan.redraw(); } } });
+    return h("label", {}, input, t(`show_${what}`));
+  });
+  const settings = h("details", { open: matchMedia("(min-width: 60rem)").matches }, h("summary", {}, t("plan_settings")),
+    h("div", { class: "row" }, toggles, h("span", { class: "row", role: "group", "aria-label": t("ellipse_scale") }, t("ellipse_scale"),
+      button("−", () => scale(false), { class: "icon", "aria-label": t("ellipse_smaller") }), button("+", () => scale(true), { class: "icon", "aria-label": t("ellipse_larger") }),
+      button(t("ellipse_auto"), () => { plan.factor = plan.autoFactor(); plan.redraw(); })),
+    h("label", {}, t("vectors_of"), epochs)));
+  root.append(notice.node, box, h("p", { class: "note", id: "plan-keys" }, t("plan_keys")), legend(), settings);
+  notice.body.replaceChildren();
+  root.insertBefore(settings, box.nextSibling);
+  if (innerWidth >= 960) root.insertBefore(settings, box);
+
+  function hover(name) {
+    const p = points.find((r) => r.name === name);
+    return p ? `${name}  ${fixedText(p)}${isNumber(metres(p.ellipse ?? {}, "a")) ? `  ${mm(metres(p.ellipse, "a"))} / ${mm(metres(p.ellipse, "b"))}` : ""}` : name;
+  }
+  function describe(name) {
+    const p = name && points.find((r) => r.name === name);
+    if (!p) { fill(card); return; }
+    const e = p.ellipse ?? {}, d = plan.vectors.find((v) => v.name === name);
+    fill(card, h("strong", {}, pointLink(name)), ` ${fixedText(p)}`,
+      h("div", { class: "figure" }, ["x", "y", "z"].filter((a) => isNumber(p[a])).map((a) => `${a} ${fixed(p[a], 4)}`).join("  ")),
+      isNumber(metres(e, "a")) && h("div", {}, t("ellipse_told", { a: mm(metres(e, "a")), b: mm(metres(e, "b")), azimuth: fixed(e.azimuth_deg, 0) })),
+      d && h("div", {}, t(d.moved ? "vector_moved" : "vector_kept", { size: mm(Math.hypot(d.dx, d.dy)) })),
+      h("div", { class: "row" }, h("a", { href: link("points", name) }, t("open_point")), button("✕", () => { plan.choose(-1); canvas.focus(); }, { class: "icon", "aria-label": t("close") })));
+  }
+
+  const setPoints = (found) => {
+    points = found;
+    const rows = planRows(found);
+    plan.setPoints(rows);
+    told.textContent = rows.length ? "" : t("plan_none");
+    canvas.setAttribute("aria-label", t("plan_label_n", { n: rows.length }));
+    drawSights();
+    if (first && plan.show(first)) first = null;
+  };
+  const drawSights = () => { const s = peek(here("sights")); if (s) plan.setSights(s, criticalOf(peek(here("")))); };
+  watch(here(""), (r) => { plan.northern = r.data?.dimension !== 1 && r.data?.northern !== false; drawSights(); }, { signal });
+  watch(here("points"), (r) => notice.show(r, setPoints), { events: ["arrival", "epoch"], least: 2000, signal });
+  watch(here("sights"), drawSights, { events: ["arrival"], least: 1000, signal });
+  const seen = new Map();
+  watch(here("photos"), (r) => {
+    const known = seen.size > 0 || r.photosRead, at = Date.now() / 1000;
+    r.photosRead = true;
+    plan.setPhotos((r.data ?? []).filter((p) => isNumber(p.east ?? p.x)).map((p) => {
+      if (!seen.has(p.name)) seen.set(p.name, known ? at : 0);
+      return { ...p, x: p.east ?? p.x, y: p.north ?? p.y, rays: p.rays ?? [], fresh: at - seen.get(p.name) < FRESH };
+    }));
+    drawSights();
+  }, { events: ["arrival"], least: 1500, signal });
+  on("points", (rows) => plan.move(rows.filter((p) => isNumber(p.x) && !(points[0] && "east" in points[0]))), signal);
+  const staleness = () => {
+    plan.stale = connection.state === "live" ? "" : t("not_current", { at: stamp(connection.heard, true) });
+    plan.redraw();
+  };
+  on("connection", staleness, signal);
+  staleness();
+  addEventListener("theme", () => plan.redraw(), { signal });
+
+  // Displacements of an epoch, of the latest that has some at first.
+  async function vectorsOf(number) {
+    vectorWatch?.abort();
+    if (number === "") { plan.setVectors([]); return; }
+    vectorWatch = new AbortController();
+    signal.addEventListener("abort", () => vectorWatch.abort());
+    watch(here(`epochs/${number}`), (r) => plan.setVectors((r.data?.displacements ?? []).map((d) => ({ name: d.name, dx: metres(d, "dx"), dy: metres(d, "dy"), moved: Boolean(d.moved) })).filter((d) => isNumber(d.dx))), { events: ["epoch"], signal: vectorWatch.signal });
+  }
+  let vectorWatch = null, begun = false;
+  watch(here("epochs"), (r) => {
+    const with_ = (r.data ?? []).filter((e) => e.congruence), kept = epochs.value;
+    fill(epochs, h("option", { value: "" }, t("vectors_none")), with_.toReversed().map((e) => h("option", { value: e.number }, `${e.number} (${stamp(e.end ?? e.begin)})`)));
+    epochs.value = kept;
+    if (!begun && with_.length) { begun = true; const last = with_.at(-1); epochs.value = last.number; vectorsOf(last.number); }
+  }, { events: ["epoch"], signal });
+  window.planForTests = plan;
+  return plan;
+}
+
+function legend() {
+  const line = (s) => svg("svg", { viewBox: "0 0 36 16", "aria-hidden": "true" }, svg("path", { d: "M1 8h34", stroke: `var(--${s.colour})`, "stroke-width": s.width + 0.5, "stroke-dasharray": s.dash.join(" ") || "none" }));
+  const shape = (...parts) => svg("svg", { viewBox: "0 0 36 16", "aria-hidden": "true" }, ...parts);
+  return h("ul", { class: "legend", "aria-label": t("legend") },
+    SIGHTS.map((s) => h("li", {}, line(s), t(`sight_${s.key}`))),
+    h("li", {}, shape(svg("path", { d: "m18 1 8 13H10Z", fill: "var(--held)" })), t("legend_fixed")),
+    h("li", {}, shape(svg("rect", { x: 13, y: 3, width: 10, height: 10, fill: "none", stroke: "var(--held)", "stroke-width": 2 })), t("legend_reference")),
+    h("li", {}, shape(svg("circle", { cx: 18, cy: 8, r: 3.5, fill: "var(--point)" })), t("legend_object")),
+    h("li", {}, shape(svg("ellipse", { cx: 18, cy: 8, rx: 14, ry: 6, fill: "none", stroke: "var(--ellipse)", "stroke-width": 1.6 })), t("legend_ellipse")),
+    h("li", {}, shape(svg("path", { d: "M3 12 25 5", stroke: "var(--moved)", "stroke-width": 3 }), svg("path", { d: "m33 3-9-2 3 8Z", fill: "var(--moved)" })), t("legend_moved")),
+    h("li", {}, shape(svg("rect", { x: 12, y: 4, width: 12, height: 8, fill: "none", stroke: "var(--photo)", "stroke-width": 2 })), t("legend_photo")));
+}

@@ -1,0 +1,167 @@
+// The table of all points, and the page of one.
+import { axis, chart, local, plain } from "./charts.js";
+import { colour, figures, fill, h } from "./dom.js";
+import { fixed, isNumber, kindName, metres, mmOf, moment, seriesOfMetres, stamp, t } from "./language.js";
+import { context, here, on, peek, watch } from "./live.js";
+import { alarmItem } from "./overview.js";
+import { link, part, pill } from "./parts.js";
+import { fixedText } from "./plan_view.js";
+import { observationItem } from "./observation.js";
+import { read } from "./api.js";
+import { Table } from "./table.js";
+
+const AXES = ["x", "y", "z"];
+const DAY = 86400;
+
+const worstSigma = (p) => Math.max(...AXES.map((a) => metres(p, `sigma_${a}`)).filter(isNumber), -1);
+const stateOf = (p) => (p.fixed ? "fixed" : p.determined === false || !isNumber(p.x) && !isNumber(p.z) ? "undetermined" : p.object === false ? "reference" : "object");
+
+export function points(root, [name], signal) {
+  if (name) { point(root, name, signal); return; }
+  const box = part(null), alarmed = new Map();
+  root.append(box.node);
+  const table = new Table({
+    caption: t("points"), open: (p) => (location.hash = link("points", p.name)),
+    columns: [
+      { title: t("name"), value: (p) => p.name, node: (p) => h("a", { href: link("points", p.name), tabindex: -1 }, p.name) },
+      ...AXES.map((a) => ({ title: `${a} [m]`, number: true, value: (p) => (isNumber(p[a]) ? p[a] : NaN), text: (p) => fixed(p[a], 4), later: a !== "z" })),
+      ...AXES.map((a) => ({ title: `σ ${a} [mm]`, number: true, later: true, value: (p) => 1000 * metres(p, `sigma_${a}`), text: (p) => fixed(1000 * metres(p, `sigma_${a}`), 2) })),
+      { title: `${t("sigma_worst")} [mm]`, number: true, value: (p) => 1000 * worstSigma(p), text: (p) => (worstSigma(p) < 0 ? "–" : fixed(1000 * worstSigma(p), 2)) },
+      { title: t("state"), value: (p) => fixedText(p), text: (p) => [fixedText(p), alarmed.has(p.name) ? t("alarm") : ""].filter(Boolean).join(", "), node: (p) => [fixedText(p), alarmed.has(p.name) ? [" ", pill("open", t("alarm"))] : null] },
+    ],
+  });
+  watch(here("points"), (r) => box.show(r, (found) => { if (!table.node.isConnected) fill(box.body, table.node); table.set(found); }), { events: ["arrival", "epoch"], least: 2000, signal });
+  watch("alarms?state=standing", (r) => {
+    alarmed.clear();
+    for (const a of r.data ?? []) if (!a.network || a.network === context.network) for (const p of a.points ?? []) alarmed.set(p, a);
+    table.draw();
+  }, { events: ["alarm"], signal });
+  let soon = null;
+  on("points", () => { soon ??= setTimeout(() => { soon = null; if (!signal.aborted) table.draw(); }, 300); }, signal);
+}
+
+// -- one point --------------------------------------------------------------------------------
+
+function point(root, name, signal) {
+  const now = part(null), series = part(t("series")), alarms = part(t("alarms")), next = part(t("next_sights")), seen = part(t("observations_of", { name }));
+  root.append(h("p", { class: "row" }, h("a", { href: link("points") }, `‹ ${t("view_points")}`), h("a", { href: link("plan", "2d", name) }, t("show_in_plan"))), now.node,
+    series.node, h("div", { class: "two" }, h("div", {}, next.node, alarms.node), seen.node));
+  const find = () => (peek(here("points")) ?? []).find((p) => p.name === name);
+
+  let bound = null;
+  const drawNow = () => {
+    const p = find();
+    if (!p) { fill(now.body, h("p", { class: "problem" }, t("point_unknown", { name }))); return; }
+    const e = p.ellipse ?? {};
+    fill(now.body, h("p", {}, pill(stateOf(p) === "undetermined" ? "waiting" : "plain", fixedText(p))), figures([
+      ...AXES.filter((a) => isNumber(p[a])).map((a) => [`${a} [m]`, [fixed(p[a], 4), isNumber(metres(p, `sigma_${a}`)) ? h("span", { class: "note" }, ` σ ${mmOf(p, `sigma_${a}`, 2)}`) : null], { "data-figure": a }]),
+      isNumber(metres(e, "a")) ? [t("ellipse_level", { level: e.level ? `${+(100 * e.level).toPrecision(4)} %` : "" }), `${mmOf(e, "a", 2)} / ${mmOf(e, "b", 2)} / ${fixed(e.azimuth_deg, 0)}°`] : null,
+      bound ? [t("protection", { risk: bound.risk }), t("protection_told", { horizontal: mmOf(bound, "horizontal"), vertical: mmOf(bound, "vertical") })] : null,
+    ], { class: "figures small" }));
+  };
+  watch(here("points"), (r) => now.show(r, drawNow), { events: ["arrival", "epoch"], least: 1500, signal });
+  on("points", (rows) => { if (rows.some((p) => p.name === name)) drawNow(); }, signal);
+  read(here("protection-levels")).then((rows) => { bound = (rows ?? []).find((b) => b.name === name) ?? null; if (bound && find() && !signal.aborted) drawNow(); }).catch(() => {});
+
+  let draw = null, data = null;
+  const plot = h("div", { class: "plot", role: "img", "aria-label": t("series_label", { name }) }), motion = h("div"), values = h("details", {}, h("summary", {}, t("series_values")));
+  watch(here(`series?points=${encodeURIComponent(name)}`), (r) => series.show(r, (found) => {
+    const list = found.points ?? found;
+    data = (Array.isArray(list) ? list : Object.values(list)).find((s) => s.name === name);
+    if (!data?.times?.length) { fill(series.body, h("p", { class: "note" }, t("series_none"))); return; }
+    if (!plot.isConnected) fill(series.body, motion, plot, h("p", { class: "note" }, t("series_help")), values);
+    drawMotion(motion, data);
+    drawValues(values, data);
+    const shown = AXES.filter((a) => (data[a] ?? []).some(isNumber));
+    plot.style.height = `${5 + 9.5 * shown.length}rem`;
+    if (draw) draw(); else if (!plot.begun) { plot.begun = true; chart(plot, () => seriesFigure(data), signal).then((d) => (draw = d)); }
+  }), { events: ["epoch", "alarm"], least: 1000, signal });
+
+  watch(`alarms?point=${encodeURIComponent(name)}&network=${encodeURIComponent(context.network)}`, (r) => alarms.show(r, (found) => {
+    const own = found.filter((a) => (a.points ?? []).includes(name));
+    fill(alarms.body, own.length ? h("ul", { class: "verdicts" }, own.map(alarmItem)) : h("p", { class: "note" }, t("no_alarms_of", { name })));
+  }), { events: ["alarm"], signal });
+
+  watch(here(`next-sights?target=${encodeURIComponent(name)}&most=5`), (r) => next.show(r, (found) => drawNext(next.body, found)), { events: ["arrival"], least: 3000, signal });
+
+  watch(here(`observations?point=${encodeURIComponent(name)}&limit=200`), (r) => seen.show(r, (found) => {
+    const rows = found.rows ?? found;
+    if (seen.body.contains(document.activeElement)) return;
+    fill(seen.body, rows.length ? h("ol", { class: "verdicts" }, rows.map((o) => observationItem({ ...o, verdict: o.state }, { at: o.at }).node)) : h("p", { class: "note" }, t("no_observations")),
+      found.next ? h("p", { class: "note" }, t("listed", { shown: rows.length, n: "…" })) : null);
+  }), { events: ["arrival"], least: 1000, signal });
+}
+
+function drawNext(box, found) {
+  const sights = found.sights ?? [];
+  fill(box, isNumber(metres(found, "sigma")) ? h("p", {}, t("next_now", { sigma: mmOf(found, "sigma", 2) })) : null,
+    sights.length
+      ? h("ol", { class: "cards" }, sights.map((s, i) => h("li", { class: "card" },
+        h("div", {}, i === 0 ? h("strong", {}, `${t("next_best")}: `) : `${i + 1}. `, kindName(s.kind), s.from ? [" ", h("strong", {}, `${s.from} → ${s.to ?? ""}`)] : null),
+        h("div", { class: "note figure" }, t("next_gain", { sigma: mmOf(s, "sigma_after", 2), gain: fixed(s.gain_percent, 0) })),
+        s.why ? h("div", { class: "note", lang: "en" }, s.why) : null)))
+      : h("p", { class: "note" }, t("next_none")));
+}
+
+function drawMotion(box, s) {
+  const m = s.motion;
+  if (!m?.times?.length) { box.replaceChildren(); return; }
+  const last = m.times.length - 1;
+  const rows = AXES.filter((a) => (m[a] ?? []).length).map((a) => {
+    const v = metresOf(m, `velocity_${a}`, last), sigma = metresOf(m, `sigma_velocity_${a}`, last);
+    return [t("velocity", { axis: a }), [`${fixed(1000 * v, 3)} ± ${fixed(1000 * sigma, 3)} mm/d`, h("span", { class: "note" }, ` ${t(Math.abs(v) > 3 * sigma ? "velocity_significant" : "velocity_none")}`)]];
+  });
+  fill(box, rows.length ? figures(rows, { class: "figures small" }) : null);
+}
+const metresOf = (record, name, i) => {
+  for (const [unit, size] of [["mm_per_day", 1e-3], ["m_per_day", 1], ["mm_per_year", 1e-3 / 365.25]]) {
+    const found = record[`${name}_${unit}`]?.[i];
+    if (isNumber(found)) return found * size;
+  }
+  return NaN;
+};
+
+function drawValues(box, s) {
+  const rows = s.times.map((time, i) => ({ time, epoch: s.epochs?.[i], i }));
+  const columns = [
+    { title: t("epoch"), value: (r) => r.epoch, number: true },
+    { title: t("time"), value: (r) => r.time, text: (r) => stamp(r.time), node: (r) => moment(r.time) },
+    ...AXES.filter((a) => (s[a] ?? []).some(isNumber)).flatMap((a) => {
+      const sigma = seriesOfMetres(s, `sigma_${a}`);
+      return [
+        { title: `${a} [m]`, number: true, value: (r) => s[a][r.i] ?? NaN, text: (r) => fixed(s[a][r.i], 4) },
+        { title: `σ ${a} [mm]`, number: true, value: (r) => (sigma[r.i] ?? NaN) * 1000, text: (r) => fixed((sigma[r.i] ?? NaN) * 1000, 2) },
+      ];
+    }),
+  ];
+  const table = new Table({ caption: t("series_values"), columns, rows: rows.toReversed(), name: (r) => String(r.epoch ?? r.time), filters: false });
+  box.replaceChildren(box.firstChild, table.node);
+}
+
+// Coordinates less their first value, in mm: σ band, what can be detected, the motion and alarms.
+function seriesFigure(s) {
+  const shown = AXES.filter((a) => (s[a] ?? []).some(isNumber)), times = s.times.map(local), data = [], layout = { shapes: [], annotations: [], margin: { l: 55, r: 12, t: 8, b: 40 } };
+  const gap = 0.05, high = (1 - gap * (shown.length - 1)) / shown.length;
+  shown.forEach((a, row) => {
+    const y = row ? `y${row + 1}` : "y", base = s[a].find(isNumber), off = s[a].map((v) => (isNumber(v) ? 1000 * (v - base) : null));
+    const sigma = seriesOfMetres(s, `sigma_${a}`), detectable = seriesOfMetres(s, `detectable_${a}`), legend = row === 0;
+    const edge = (sign) => off.map((v, i) => (v === null || !isNumber(sigma[i]) ? null : v + sign * 1000 * sigma[i]));
+    const common = { type: "scatter", xaxis: "x", yaxis: y, x: times };
+    data.push({ ...common, y: edge(-1), mode: "lines", line: { width: 0 }, hoverinfo: "skip", showlegend: false },
+      { ...common, y: edge(1), mode: "lines", line: { width: 0 }, fill: "tonexty", fillcolor: "rgba(0,114,178,0.28)", hoverinfo: "skip", name: t("band_sigma"), legendgroup: "s", showlegend: legend });
+    if (detectable.some(isNumber)) for (const sign of [-1, 1])
+      data.push({ ...common, y: detectable.map((d) => (isNumber(d) ? sign * 1000 * d : null)), mode: "lines", line: { color: colour("doubt"), width: 1.4, dash: "dash" }, hoverinfo: "skip", name: t("band_detectable"), legendgroup: "d", showlegend: legend && sign > 0 });
+    if (s.motion?.[a]?.length)
+      data.push({ ...common, x: s.motion.times.map(local), y: s.motion[a].map((v) => (isNumber(v) ? 1000 * (v - base) : null)), mode: "lines", line: { color: colour("sight2"), width: 2, dash: "dot" }, hoverinfo: "skip", name: t("motion_model"), legendgroup: "m", showlegend: legend });
+    data.push({ ...common, y: off, mode: "lines+markers", line: { color: colour("held"), width: 1.5 }, marker: { size: 5 }, name: t("coordinate"), legendgroup: "v", showlegend: legend, text: s.times.map((time, i) => `${t("epoch")} ${s.epochs?.[i] ?? ""}: ${fixed(off[i], 2)} mm`), hoverinfo: "text+x" });
+    const top = 1 - row * (high + gap);
+    layout[`yaxis${row ? row + 1 : ""}`] = axis({ domain: [Math.max(top - high, 0), top], title: { text: `Δ${a} [mm]` } });
+  });
+  for (const alarm of s.alarms ?? []) {
+    layout.shapes.push({ type: "line", x0: local(alarm.time), x1: local(alarm.time), yref: "paper", y0: 0, y1: 1, line: { color: colour("doubt"), width: 2 } });
+    layout.annotations.push({ x: local(alarm.time), yref: "paper", y: 1, yanchor: "bottom", xanchor: "right", showarrow: false, text: `⚠ ${plain(alarm.rule)}`, font: { color: colour("doubt") } });
+    layout.margin.t = 24;
+  }
+  layout.xaxis = axis({ anchor: shown.length > 1 ? `y${shown.length}` : "y", type: "date" });
+  return { data, layout };
+}

@@ -1,0 +1,37 @@
+// The light of a network: ok, doubts, alarm or unknown, each with its reasons in sentences.
+import { fixed, stamp, t, word } from "./language.js";
+import { connection, context } from "./live.js";
+
+export const countsOf = (summary) => context.counts ?? summary?.counts ?? {};
+export const sigma0Of = (summary) => countsOf(summary).sigma0 ?? summary?.sigma0;
+
+const ofNetwork = (record) => !record.network || record.network === context.network;
+export const alarmsOf = (alarms) => (alarms ?? []).filter((a) => ofNetwork(a) && a.state !== "closed");
+export const instrumentsOf = (found) => (found ?? []).filter(ofNetwork);
+
+export function alarmSentence(a) {
+  const size = a.value === undefined || a.value === null ? "" :
+    ` (${fixed(a.value, 2)} ${a.unit ?? ""}${a.limit === undefined || a.limit === null ? "" : `, ${t("limit")} ${fixed(a.limit, 2)} ${a.unit ?? ""}`})`;
+  return t("alarm_sentence", {
+    rule: a.rule, test: word("test", a.test), since: stamp(a.since),
+    points: a.points?.length ? a.points.join(", ") : a.instrument ?? t("whole_network"),
+  }) + size;
+}
+
+export function light(summary, alarms, instruments) {
+  if (connection.state !== "live" || !summary)
+    return { state: "unknown", reasons: [connection.state === "lost" ? t("light_lost", { at: stamp(connection.heard, true) }) : t("light_reading")] };
+  const standing = alarmsOf(alarms), open = standing.filter((a) => a.state === "open");
+  if (open.length) return { state: "alarm", reasons: open.map(alarmSentence) };
+  const counts = countsOf(summary), sigma0 = sigma0Of(summary), [low, high] = summary.sigma0_limits ?? [];
+  const reasons = [];
+  for (const a of standing) reasons.push(t(a.state === "silenced" ? "light_silenced" : "light_acknowledged", { alarm: alarmSentence(a) }));
+  if (counts.suspects) reasons.push(t("light_suspects", { n: counts.suspects }));
+  if (counts.doubts) reasons.push(t("light_doubts", { n: counts.doubts }));
+  if (low !== undefined && sigma0 !== null && (sigma0 < low || sigma0 > high))
+    reasons.push(t(sigma0 > high ? "light_sigma0_high" : "light_sigma0_low", { sigma0: fixed(sigma0, 2), low: fixed(low, 2), high: fixed(high, 2) }));
+  for (const i of instrumentsOf(instruments))
+    if (i.state !== "ok" && i.state !== "stopped") reasons.push(t("light_instrument", { name: i.name, state: word("state", i.state), last: stamp(i.last_message) }));
+  if (reasons.length) return { state: "doubts", reasons };
+  return { state: "ok", reasons: [t(low === undefined ? "light_ok" : "light_ok_tested", { n: counts.observations ?? "–", sigma0: fixed(sigma0, 2), low: fixed(low, 2), high: fixed(high, 2) })] };
+}

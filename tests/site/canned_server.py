@@ -1,0 +1,311 @@
+"""An HTTP server for a `CannedSite`: the API of the service, and the files of its page."""
+
+from __future__ import annotations
+
+import asyncio
+import importlib.util
+import json
+import socket
+import threading
+from collections.abc import AsyncIterator
+from pathlib import Path
+from time import sleep, time
+from typing import Any
+
+from tests.site.canned_site import CannedSite, Refused
+from tests.support.places import ROOT
+
+PAGE = ROOT / "factorgraph_adj" / "site" / "page"
+BEAT = 1.0
+"""Seconds between two beats."""
+CSP = (
+    "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
+    "img-src 'self' data: blob:; connect-src 'self'; form-action 'none'; base-uri 'none'; "
+    "frame-ancestors 'none'"
+)
+RANKS = {"instrument": 0, "viewer": 1, "surveyor": 2, "admin": 3}
+
+
+def plotly_file() -> Path | None:
+    """Return the library of figures, where plotly is installed."""
+    found = importlib.util.find_spec("plotly")
+    if found is None or found.origin is None:
+        return None
+    file = Path(found.origin).parent / "package_data" / "plotly.min.js"
+    return file if file.is_file() else None
+
+
+def application(site: CannedSite, *, tokens: bool) -> Any:
+    """Return the ASGI application.
+
+    Args:
+        site: what it tells.
+        tokens: whether a caller needs a session; otherwise everybody is an administrator.
+    """
+    from starlette.applications import Starlette
+    from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
+    from starlette.routing import Route
+
+    def role(request: Any) -> str | None:
+        if not tokens:
+            return "admin"
+        key = request.cookies.get("session", "")
+        return site.tokens[key]["role"] if key in site.tokens else None
+
+    def told(status: int, what: str, where: str = "") -> Any:
+        return JSONResponse({"error": [{"where": where, "what": what}]}, status)
+
+    def route(path: str, act: Any, needed: str = "viewer", methods: tuple[str, ...] = ("GET",)):
+        async def endpoint(request: Any) -> Any:
+            if site.away:
+                return JSONResponse(
+                    {"error": [{"where": "", "what": "the database is away"}]},
+                    503,
+                    {"Retry-After": "1"},
+                )
+            own = role(request)
+            if own is None:
+                return told(401, "no session")
+            if RANKS[own] < RANKS[needed]:
+                return told(403, f"a {own} may not do this")
+            name = request.path_params.get("network")
+            if name is not None and name not in site.networks:
+                return told(404, f"unknown network {name}", "network")
+            try:
+                found = act(request)
+                if asyncio.iscoroutine(found):
+                    found = await found
+            except Refused as error:
+                return JSONResponse({"error": [error.problem]}, error.status)
+            return found if isinstance(found, Response) else JSONResponse(found)
+
+        return Route(f"/api/v1/{path}", endpoint, methods=list(methods))
+
+    def net(request: Any) -> Any:
+        return site.networks[request.path_params["network"]]
+
+    def observations(*states: str) -> Any:
+        def rows(request: Any) -> Any:
+            asked = request.query_params.get("state")
+            point = request.query_params.get("point")
+            among = (asked,) if asked else states
+            found = [
+                o
+                for o in net(request).observations.values()
+                if o["state"] in among and (point is None or point in o["points"])
+            ]
+            return {"rows": found, "next": None}
+
+        return rows
+
+    async def post(request: Any) -> Any:
+        posting = await request.json()
+        own = role(request) or ""
+        if "do" in posting and RANKS[own] < RANKS["surveyor"]:
+            return told(403, f"a {own} may give no commands")
+        return site.post(request.path_params["network"], posting, own)
+
+    async def alarm(request: Any) -> Any:
+        what, body = request.path_params["what"], await request.json()
+        found = next(a for a in site.alarms if a["id"] == request.path_params["id"])
+        found["by"] = role(request)
+        if what == "acknowledge":
+            found["state"] = "acknowledged"
+        else:
+            found |= {"state": "silenced", "silenced_until": time() + 3600 * body["hours"]}
+        site.tell("alarm", found["network"], alarm=found)
+        return found
+
+    def alarms(request: Any) -> Any:
+        point = request.query_params.get("point")
+        if point is not None:
+            return [a for a in site.alarms if point in a["points"]]
+        return [a for a in site.alarms if a["state"] != "closed"]
+
+    async def close(request: Any) -> Any:
+        site.close_epoch(request.path_params["network"])
+        return {"ok": True}
+
+    async def session(request: Any) -> Any:
+        if request.method == "DELETE":
+            out = JSONResponse({"ok": True})
+            out.delete_cookie("session")
+            return out
+        key = (await request.json()).get("token", "")
+        if key not in site.tokens:
+            return told(401, "unknown token", "token")
+        site.tokens[key]["last_used"] = time()
+        out = JSONResponse({"ok": True, "role": site.tokens[key]["role"]})
+        out.set_cookie("session", key, httponly=True, samesite="strict")
+        return out
+
+    async def make_token(request: Any) -> Any:
+        body = await request.json()
+        key = f"secret-{len(site.tokens)}"
+        site.tokens[key] = {"id": f"k{len(site.tokens)}", **body, "created": time()}
+        site.tokens[key]["last_used"] = None
+        return {"id": site.tokens[key]["id"], "token": key}
+
+    def drop_token(request: Any) -> Any:
+        for key, held in list(site.tokens.items()):
+            if held["id"] == request.path_params["id"]:
+                del site.tokens[key]
+        return {"ok": True}
+
+    def components(request: Any) -> Any:
+        return [
+            {"epoch": e["number"], "time": e["end"] or time(), "sigma0": e["sigma0"]}
+            | {
+                "groups": [
+                    {"name": n, "component": e["sigma0"] * f, "n": 40, "redundancy": 25}
+                    for n, f in (("slope distance", 0.9), ("direction", 1.1), ("zenith angle", 1))
+                ]
+            }
+            for e in net(request).epochs
+        ]
+
+    def next_sights(request: Any) -> Any:
+        target = request.query_params["target"]
+        return {"target": target, "sigma_mm": 1.8, "milliseconds": 12} | {
+            "sights": [
+                {"kind": k, "from": s, "to": target, "sigma_after_mm": 1.8 * (1 - g / 100)}
+                | {"gain_percent": g, "why": "crosses the long axis of the ellipse"}
+                for k, s, g in (("slope_distance", "P2", 31), ("direction", "P3", 18))
+            ]
+        }
+
+    async def events(request: Any) -> Any:
+        network = request.query_params.get("network")
+        last = request.headers.get("last-event-id") or request.query_params.get("after")
+        begin = len(site.log) if last is None else int(last)
+
+        async def stream() -> AsyncIterator[str]:
+            at, beaten = begin, 0.0
+            while not site.away:
+                for e in site.after(at, network):
+                    yield f"id: {e['id']}\nevent: {e['event']}\ndata: {json.dumps(e['data'])}\n\n"
+                at = max(at, len(site.log))
+                if site.beating and time() - beaten > BEAT:
+                    beaten = time()
+                    yield f'event: beat\ndata: {{"at": {beaten}}}\n\n'
+                await asyncio.sleep(0.02)
+
+        return StreamingResponse(stream(), media_type="text/event-stream")
+
+    async def static(request: Any) -> Any:
+        name = request.path_params.get("file", "index.html")
+        file = plotly_file() if name == "plotly.min.js" else PAGE / name
+        if file is None or not file.is_file() or file.parent != PAGE and name != "plotly.min.js":
+            return told(404, f"no file {name}")
+        return FileResponse(
+            file, headers={"Content-Security-Policy": CSP, "Cache-Control": "no-cache"}
+        )
+
+    def file(request: Any) -> Any:
+        return Response(f"{request.path_params['file']} of {net(request).name}")
+
+    n = "networks/{network}"
+    routes = [
+        Route("/", static),
+        Route("/page/{file}", static),
+        Route("/api/v1/session", session, methods=["POST", "DELETE"]),
+        route(
+            "site",
+            lambda r: {
+                "name": "Canned site",
+                "version": "0",
+                "role": role(r),
+                "tokens": tokens,
+                "beat_s": BEAT,
+                "networks": [m.summary() for m in site.networks.values()],
+            },
+        ),
+        route(n, lambda r: net(r).summary()),
+        route(f"{n}/postings", post, "instrument", ("POST",)),
+        route(f"{n}/points", lambda r: net(r).points),
+        route(f"{n}/sights", lambda r: net(r).sights),
+        route(f"{n}/photos", lambda r: net(r).photos),
+        route(f"{n}/observations", observations("accepted", "waiting", "suspect", "rejected")),
+        route(f"{n}/waiting", observations("waiting")),
+        route(f"{n}/suspects", observations("suspect")),
+        route(f"{n}/rejected", observations("rejected")),
+        route(f"{n}/doubts", lambda r: {"doubts": site.doubts}),
+        route(f"{n}/causes", lambda r: site.causes),
+        route(f"{n}/epochs", lambda r: net(r).epochs),
+        route(f"{n}/epochs", close, "surveyor", ("POST",)),
+        route(f"{n}/epochs/{{k:int}}", lambda r: site.epoch(net(r).name, r.path_params["k"])),
+        route(f"{n}/series", lambda r: [site.series(net(r).name, r.query_params["points"])]),
+        route(f"{n}/variance-components", components),
+        route(f"{n}/next-sights", next_sights),
+        route(
+            f"{n}/protection-levels",
+            lambda r: [
+                {"name": p["name"], "horizontal_mm": 7.1, "vertical_mm": 9.3, "risk": 1e-3}
+                for p in net(r).points
+                if not p["fixed"]
+            ],
+        ),
+        route(f"{n}/events", lambda r: site.after(max(len(site.log) - 100, 0), net(r).name)),
+        route("events", events),
+        route("instruments", lambda r: site.instruments),
+        route("alarms", alarms),
+        route("alarms/{id}/{what}", alarm, "surveyor", ("POST",)),
+        route("tokens", lambda r: list(site.tokens.values()), "admin"),
+        route("tokens", make_token, "admin", ("POST",)),
+        route("tokens/{id}", drop_token, "admin", ("DELETE",)),
+        route(f"{n}/{{file}}", file),
+    ]
+    return Starlette(routes=routes)
+
+
+class CannedServer:
+    """A server in a thread; it can be stopped and started again on the same port."""
+
+    def __init__(self, *, tokens: bool = False, port: int = 0) -> None:
+        self.site = CannedSite()
+        self.tokens = tokens
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", port))
+            self.port = probe.getsockname()[1]
+        self.start()
+
+    @property
+    def url(self) -> str:
+        return f"http://127.0.0.1:{self.port}/"
+
+    def start(self) -> None:
+        """Serve, and return when requests are answered."""
+        import uvicorn
+
+        config = uvicorn.Config(
+            application(self.site, tokens=self.tokens),
+            host="127.0.0.1",
+            port=self.port,
+            log_level="error",
+            timeout_graceful_shutdown=0,
+        )
+        self.server = uvicorn.Server(config)
+        self.thread = threading.Thread(target=self.server.run, daemon=True)
+        self.thread.start()
+        while not self.server.started:
+            assert self.thread.is_alive(), "the server did not start"
+            sleep(0.01)
+
+    def stop(self) -> None:
+        """End all connections and the server."""
+        self.server.should_exit = True
+        self.thread.join()
+
+
+if __name__ == "__main__":
+    import argparse
+
+    parser = argparse.ArgumentParser(description="Serve canned data, for work on the page.")
+    parser.add_argument("--port", type=int, default=8123)
+    parser.add_argument("--tokens", action="store_true")
+    given = parser.parse_args()
+    served = CannedServer(tokens=given.tokens, port=given.port)
+    print(served.url, flush=True)
+    while True:
+        sleep(2)
+        served.site.arrive(state=served.site.draw.choices(("accepted", "suspect"), (9, 1))[0])

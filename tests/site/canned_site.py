@@ -1,0 +1,473 @@
+"""A site with generated data that answers as the API of the service does, for tests of its page.
+
+Three networks: ``small`` (seven points), ``tunnel`` (rings of points and photos) and ``large``
+(10 000 points). Nothing is adjusted here: σ, ellipses, displacements and verdicts are drawn by
+chance, and commands only move observations between their states.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from dataclasses import dataclass, field
+from threading import Condition
+from time import time
+from typing import Any
+
+Record = dict[str, Any]
+CRITICAL = 3.29
+DAY = 86400.0
+AXES = "xyz"
+UNITS = {"length": "m", "angle": "gon", "sigma_length": "mm", "sigma_angle": "mgon"}
+
+
+class Refused(Exception):
+    """A command that the site does not take."""
+
+    def __init__(self, what: str, where: str = "", status: int = 422) -> None:
+        super().__init__(what)
+        self.problem = {"where": where, "what": what}
+        self.status = status
+
+
+@dataclass
+class CannedNetwork:
+    """A network: its records as the API states them."""
+
+    name: str
+    title: str
+    points: list[Record]
+    sights: list[Record]
+    photos: list[Record]
+    epochs: list[Record]
+    observations: dict[str, Record] = field(default_factory=dict)
+    """Rows of observations that have been posted or decided, by id."""
+    sigma0: float = 0.98
+    first: float = 0.0
+    """Time of the first epoch."""
+
+    def counts(self) -> Record:
+        states = [o["state"] for o in self.observations.values()]
+        n = len(self.sights) + states.count("accepted")
+        return {
+            "observations": n,
+            "waiting": states.count("waiting"),
+            "suspects": states.count("suspect"),
+            "rejected": states.count("rejected"),
+            "doubts": 0,
+            "redundancy": max(n - 3 * len(self.points), 7),
+            "sigma0": self.sigma0,
+        }
+
+    def summary(self) -> Record:
+        return {
+            "name": self.name,
+            "title": self.title,
+            "units": UNITS,
+            "counts": self.counts(),
+            "points": len(self.points),
+            "photos": len(self.photos),
+            "sigma0": self.sigma0,
+            "sigma0_limits": [0.87, 1.14],
+            "redundancy": self.counts()["redundancy"],
+            "epoch": {k: self.epochs[-1][k] for k in ("number", "begin", "end", "state")},
+            "policy": "flag",
+            "alpha": 0.001,
+            "critical_w": CRITICAL,
+            "datum": "fixed points",
+            "crs": None,
+            "dimension": 3,
+            "last_arrival": time() - 3,
+        }
+
+
+def _point(draw: random.Random, name: str, x: float, y: float, z: float, **more: Any) -> Record:
+    fixed = more.get("fixed", "")
+    size = 0.0 if fixed else draw.uniform(0.6, 2.4)
+    out: Record = {"name": name, "x": x, "y": y, "z": z, "fixed": fixed, "determined": True}
+    out |= {f"sigma_{a}_mm": size * draw.uniform(0.4, 0.9) for a in AXES}
+    if not fixed:
+        ellipse = {"a_mm": size, "b_mm": size * draw.uniform(0.3, 0.95)}
+        out["ellipse"] = ellipse | {"azimuth_deg": draw.uniform(0, 180), "level": 0.95}
+    return out | {"object": not fixed, "datum": bool(fixed), "sigma_height_mm": size} | more
+
+
+def _sight(draw: random.Random, number: int, a: str, b: str) -> Record:
+    w = None if draw.random() < 0.04 else draw.gauss(0, 1)
+    kind = draw.choice(("slope_distance", "direction", "zenith_angle"))
+    return {"id": f"{number}", "kind": kind, "from": a, "to": b, "state": "accepted"} | {
+        "w": w,
+        "r": draw.uniform(0.2, 0.9),
+    }
+
+
+def _epochs(points: list[Record], n: int, now: float) -> list[Record]:
+    out = []
+    for k in range(n):
+        begin = now - (n - k) * DAY / 4
+        last = k == n - 1
+        moved = ["D3", "D4"] if k >= n - 3 and not last else []
+        moved = [p for p in moved if any(q["name"] == p for q in points)]
+        tested = None if k == 0 or last else {"test": 1.4 if moved else 0.6, "critical": 1.0}
+        if tested is not None:
+            tested |= {"outcome": "moved" if moved else "congruent", "moved": moved}
+        out.append(
+            {
+                "number": k,
+                "begin": begin,
+                "end": None if last else begin + DAY / 4,
+                "state": "open" if last else "closed",
+                "revision": 2 if k == 2 else 1,
+                "sigma0": 1 + 0.08 * math.sin(k),
+                "redundancy": 120 + k,
+                "congruence": tested,
+            }
+        )
+    return out
+
+
+def small(now: float) -> CannedNetwork:
+    """Return a dam with seven points."""
+    draw = random.Random(1)
+    places = {
+        "P1": (0, 0, 100),
+        "P2": (180, 20, 102),
+        "P3": (90, -90, 98),
+        "D1": (40, 60, 120),
+        "D2": (80, 75, 121),
+        "D3": (120, 72, 121),
+        "D4": (160, 61, 120),
+    }
+    points = [
+        _point(draw, n, *map(float, at), fixed="xyz" if n in ("P1", "P2") else "")
+        for n, at in places.items()
+    ]
+    points[2]["object"] = False
+    points.append({"name": "D9", "x": None, "y": None, "z": None, "fixed": "", "determined": False})
+    pairs = [(a, b) for a in ("P1", "P2", "P3") for b in places if a != b]
+    sights = [_sight(draw, i, a, b) for i, (a, b) in enumerate(pairs)]
+    sights[5]["w"], sights[7]["w"] = 2.6, -4.4
+    made = CannedNetwork("small", "Dam crest", points, sights, [], _epochs(points, 12, now))
+    for k, (state, lacks) in enumerate(
+        [("suspect", None), ("suspect", None), ("rejected", None), ("waiting", "coordinates of D9")]
+    ):
+        made.observations[f"s{k}"] = verdict_row(draw, f"s{k}", state, "P1", f"D{k + 1}", lacks)
+    return made
+
+
+def tunnel(now: float) -> CannedNetwork:
+    """Return a tunnel with rings of eight points, and photos."""
+    draw = random.Random(2)
+    points, photos = [], []
+    for ring in range(30):
+        for k in range(8):
+            a = math.pi * k / 7
+            x, y = 5 * math.cos(a), 6.0 * ring
+            points.append(_point(draw, f"T{ring:02}{k}", x, y, 5 * math.sin(a)))
+    for n, y in (("S1", -10.0), ("S2", 60.0), ("S3", 120.0), ("S4", 190.0)):
+        points.append(_point(draw, n, 0.0, y, 1.5, fixed="xyz" if n in ("S1", "S4") else ""))
+    sights = []
+    for p in points[:-4]:
+        for s in ("S1", "S2", "S3", "S4"):
+            at = next(q for q in points if q["name"] == s)
+            if abs(at["y"] - p["y"]) < 70:
+                sights.append(_sight(draw, len(sights), s, p["name"]))
+    for ring in range(0, 30, 3):
+        rays = [f"T{r:02}{k}" for r in range(ring, min(ring + 2, 30)) for k in range(8)]
+        photos.append(photo(f"F{ring:02}", 0.0, 6.0 * ring - 4, 2.0, rays))
+    return CannedNetwork("tunnel", "Tunnel", points, sights, photos, _epochs(points, 4, now))
+
+
+def photo(name: str, x: float, y: float, z: float, rays: list[str]) -> Record:
+    """Return a photo and the points that it shows."""
+    return {"name": name, "x": x, "y": y, "z": z, "camera": "c1", "rays": rays}
+
+
+def large(now: float, n: int = 10_000) -> CannedNetwork:
+    """Return a network of many points with three sights each."""
+    draw = random.Random(3)
+    side = math.isqrt(n)
+    points = [
+        _point(
+            draw,
+            f"N{i:05}",
+            20.0 * (i % side) + draw.uniform(-8, 8),
+            20.0 * (i // side) + draw.uniform(-8, 8),
+            draw.uniform(90, 110),
+            fixed="xyz" if i % 997 == 0 else "",
+        )
+        for i in range(n)
+    ]
+    sights = [
+        _sight(draw, 3 * i + k, f"N{i:05}", f"N{(i + step) % n:05}")
+        for i in range(n)
+        for k, step in enumerate((1, side, side + 1))
+    ]
+    return CannedNetwork("large", "Large", points, sights, [], _epochs(points[:20], 3, now))
+
+
+def verdict_row(
+    draw: random.Random, ident: str, state: str, a: str, b: str, lacks: str | None = None
+) -> Record:
+    """Return an observation with its verdict, as the stream tells it."""
+    kind = draw.choice(("slope_distance", "horizontal_distance"))
+    record = {"kind": kind, "station": a, "target": b, "value": 123.4567, "sigma_mm": 1.5}
+    out: Record = {
+        "id": ident,
+        "kind": kind,
+        "label": f"{kind} {a} {b}",
+        "verdict": state,
+        "state": state,
+        "at": time(),
+        "epoch": 11,
+        "points": [a, b],
+        "record": record,
+        "value": "123.4567 m",
+    }
+    if state == "waiting":
+        return out | {"lacks": lacks or "coordinates of D9"}
+    w = draw.gauss(0, 1) if state == "accepted" else draw.choice((-1, 1)) * draw.uniform(4, 9)
+    test = abs(w) / CRITICAL
+    return out | {
+        "test": test,
+        "t2": w * w,
+        "dof": 1,
+        "critical": CRITICAL**2,
+        "controlled": True,
+        "components": ["value"],
+        "innovation": [1.7 * w],
+        "innovation_sigma": [1.7],
+        "small_unit": "mm",
+        "w": [w],
+        "redundancy_number": [0.62],
+        "gains": [],
+    } | ({"cause": "outside the critical value on arrival"} if state == "rejected" else {})
+
+
+class CannedSite:
+    """The whole site: networks, alarms, instruments, tokens and the log of events."""
+
+    def __init__(self) -> None:
+        now = time()
+        self.changed = Condition()
+        self.networks = {n.name: n for n in (small(now), tunnel(now), large(now))}
+        self.log: list[Record] = []
+        self.requests: dict[str, Record] = {}
+        self.draw = random.Random(4)
+        self.number = 0
+        self.away = False
+        """Whether the database is away."""
+        self.beating = True
+        """Whether beats are sent; a connection without them hangs."""
+        self.doubts: list[str] = []
+        self.causes: Record = {"most_probable": None, "undecided": [], "causes": []}
+        self.alarms: list[Record] = []
+        self.instruments = [
+            instrument("ts1", "small", "ok", now - 2),
+            instrument("level", "small", "ok", now - 40),
+            instrument("ts2", "tunnel", "silent", now - 4000),
+        ]
+        self.instruments[2]["problem"] = "no line for 66 min; connection refused by 10.0.0.12:4001"
+        self.tokens = {
+            f"{role}-token": {"id": f"k{i}", "name": role, "role": role, "created": now - 3 * DAY}
+            | {"last_used": None}
+            for i, role in enumerate(("instrument", "viewer", "surveyor", "admin"))
+        }
+
+    # -- events -----------------------------------------------------------------------------------
+
+    def tell(self, event: str, network: str | None, **data: Any) -> Record:
+        """Write an event into the log, where all pages that listen read it."""
+        with self.changed:
+            entry = {"id": len(self.log) + 1, "event": event}
+            entry["data"] = {"network": network, "at": time(), **data}
+            self.log.append(entry)
+            self.changed.notify_all()
+        return entry
+
+    def after(self, last: int, network: str | None) -> list[Record]:
+        """Return the events of a network, and of the whole site, after a number."""
+        return [e for e in self.log[last:] if e["data"]["network"] in (None, network)]
+
+    # -- what happens -----------------------------------------------------------------------------
+
+    def arrive(self, network: str = "small", state: str = "accepted", **more: Any) -> Record:
+        """Let an observation arrive, with this verdict."""
+        net = self.networks[network]
+        self.number += 1
+        object_points = [p["name"] for p in net.points if p["object"] and p["determined"]] or ["?"]
+        target = more.pop("target", None) or self.draw.choice(object_points)
+        row = verdict_row(self.draw, f"o{self.number}", state, "P1", target) | more
+        net.observations[row["id"]] = row
+        point = next((p for p in net.points if p["name"] == target), None)
+        points = []
+        if point and state == "accepted":
+            point["x"] += self.draw.gauss(0, 1e-4)
+            point["sigma_x_mm"] *= 0.98
+            points = [{k: point[k] for k in point if k != "ellipse"}]
+        answer = {"line": self.number, "ok": True, **row, "points": points, "entered": []}
+        self.tell("arrival", network, epoch=11, answer=answer | {"counts": net.counts()})
+        return row
+
+    def raise_alarm(self, rule: str = "crest", **more: Any) -> Record:
+        """Raise an alarm."""
+        alarm = {
+            "id": f"a{len(self.alarms) + 1}",
+            "rule": rule,
+            "network": "small",
+            "test": "displacement",
+            "points": ["D3", "D4"],
+            "state": "open",
+            "since": time() - 60,
+            "until": None,
+            "value": 12.31,
+            "limit": 8.4,
+            "unit": "mm",
+            "epoch": 10,
+            "text": "2 of the last 3 epochs exceed the critical value",
+            "false_alarms_per_month": 0.1,
+        } | more
+        self.alarms.append(alarm)
+        self.tell("alarm", alarm["network"], alarm=alarm)
+        return alarm
+
+    def fail_instrument(self, name: str, state: str, problem: str | None) -> None:
+        """Change the health of an instrument."""
+        found = next(i for i in self.instruments if i["name"] == name)
+        found |= {"state": state, "problem": problem}
+        self.tell("instrument", found["network"], instrument=found)
+
+    def add_photo(self, network: str, name: str, at: tuple[float, float, float]) -> None:
+        """Let a photo arrive with rays to the points that are near."""
+        net = self.networks[network]
+        near = sorted(net.points, key=lambda p: math.dist(at, [p[a] for a in AXES]))[:12]
+        net.photos.append(photo(name, *at, [p["name"] for p in near]))
+        answer = {"ok": True, "do": "add", "verdicts": [], "entered": [], "points": []}
+        self.tell("arrival", network, answer=answer | {"counts": net.counts()})
+
+    # -- commands ---------------------------------------------------------------------------------
+
+    def post(self, network: str, posting: Record, by: str) -> Record:
+        """Answer a posting; one that repeats a request is not done again."""
+        if (name := posting.get("request")) in self.requests:
+            return self.requests[name] | {"repeated": True}
+        net = self.networks[network]
+        do = posting.get("do")
+        if do is None:
+            row = self.arrive(network, posting.get("verdict", "accepted"))
+            return {"ok": True, **row}
+        answer = self._command(net, do, posting)
+        answer |= {"ok": True, "do": do, "points": [], "entered": [], "counts": net.counts()}
+        self.tell("arrival", network, epoch=11, by=by, answer=answer)
+        if name:
+            self.requests[name] = answer
+        return answer
+
+    def _command(self, net: CannedNetwork, do: str, posting: Record) -> Record:
+        ids = posting.get("ids", [posting["id"]] if "id" in posting else [])
+        unknown = [i for i in ids if i not in net.observations]
+        if unknown:
+            raise Refused(f"unknown observation {unknown[0]}", do)
+        rows = [net.observations[i] for i in ids]
+        if do == "accept":
+            for row in rows:
+                row |= {"state": "accepted", "verdict": "accepted"}
+            return {"verdicts": [dict(r) for r in rows]}
+        if do in ("discard", "remove"):
+            for row in rows:
+                row["state"] = "rejected" if do == "discard" else "gone"
+                row["cause"] = f"{do} by command"
+            if do == "discard":
+                return {"verdicts": [r | {"verdict": "rejected"} for r in rows]}
+            return {"verdicts": [], "gone": ids}
+        if do == "reweight":
+            if not posting["factor"] > 0:
+                raise Refused("the factor must be positive", do)
+            for row in rows:
+                row["record"]["sigma_mm"] /= math.sqrt(posting["factor"])
+            return {"verdicts": [dict(r) for r in rows]}
+        if do == "replace":
+            net.observations[posting["id"]]["state"] = "gone"
+            new = verdict_row(self.draw, f"{posting['id']}b", "accepted", *rows[0]["points"])
+            new["record"] = posting["observation"]
+            net.observations[new["id"]] = new
+            return {"verdicts": [new], "gone": ids}
+        raise Refused(f"unknown command {do}", "do")
+
+    def close_epoch(self, network: str) -> None:
+        """End the present epoch and begin the next."""
+        net = self.networks[network]
+        last, now = net.epochs[-1], time()
+        last |= {"end": now, "state": "closed"}
+        last["congruence"] = {"test": 0.7, "critical": 1.0, "outcome": "congruent", "moved": []}
+        begun = {"number": last["number"] + 1, "begin": now, "end": None, "state": "open"}
+        net.epochs.append(last | begun | {"revision": 1, "congruence": None})
+        self.tell("epoch", network, epoch=last["number"], what="closed")
+
+    # -- what is computed for the page ------------------------------------------------------------
+
+    def epoch(self, network: str, number: int) -> Record:
+        """Return an epoch with displacements and blocks."""
+        net, draw = self.networks[network], random.Random(number)
+        found = next((e for e in net.epochs if e["number"] == number), None)
+        if found is None:
+            raise Refused(f"no epoch {number}", "epoch", 404)
+        moved = (found["congruence"] or {}).get("moved", [])
+        rows = []
+        for p in net.points[:200]:
+            if p["fixed"] or not p["determined"] or not found["congruence"]:
+                continue
+            size = 9.0 if p["name"] in moved else 0.8
+            d = {f"d{a}_mm": draw.gauss(size if p["name"] in moved else 0, 0.7) for a in AXES}
+            rows.append(
+                {"name": p["name"], **d}
+                | {f"sigma_d{a}_mm": 1.1 for a in AXES}
+                | {"T": 6.2 if p["name"] in moved else 0.8, "critical": 3.8}
+                | {"moved": p["name"] in moved, "detectable_mm": 4.4}
+            )
+        blocks = [{"points": moved, "translation_mm": [9.1, 8.8, 9.4], "moved": True}]
+        blocks[0]["rotation_mgon"] = 1.2
+        return found | {
+            "points": net.points[:200],
+            "displacements": rows,
+            "against": 0,
+            "blocks": blocks if moved else [],
+        }
+
+    def series(self, network: str, name: str) -> Record:
+        """Return the time series of a point."""
+        net, draw = self.networks[network], random.Random(name)
+        p = next((q for q in net.points if q["name"] == name), None)
+        if p is None:
+            raise Refused(f"unknown point {name}", "points", 404)
+        epochs = [e for e in net.epochs if e["state"] == "closed"] if p["determined"] else []
+        n, creep = len(epochs), 6e-4 if name == "D3" else 0.0
+        out: Record = {"name": name, "epochs": [e["number"] for e in epochs]}
+        out["times"] = [e["end"] for e in epochs]
+        motion: Record = {"times": out["times"]}
+        for a in AXES:
+            out[a] = [p[a] + creep * k + draw.gauss(0, 6e-4) for k in range(n)]
+            out[f"sigma_{a}_mm"], out[f"detectable_{a}_mm"] = [0.6] * n, [2.6] * n
+            motion[a] = [p[a] + creep * k for k in range(n)]
+            motion[f"velocity_{a}_mm_per_day"] = [4e3 * creep] * n
+            motion[f"sigma_velocity_{a}_mm_per_day"] = [0.3] * n
+        alarms = [a for a in self.alarms if name in a["points"]]
+        told = [{"id": a["id"], "rule": a["rule"], "time": a["since"], "text": ""} for a in alarms]
+        return out | {"motion": motion, "alarms": told}
+
+
+def instrument(name: str, network: str, state: str, last: float) -> Record:
+    """Return the health of an instrument."""
+    return {
+        "name": name,
+        "network": network,
+        "source": "tcp://10.0.0.12:4001",
+        "grammar": "gsi-online",
+        "state": state,
+        "last_message": last,
+        "messages": 41_233,
+        "refused": 2,
+        "clock_offset_s": -0.4,
+        "gaps": 1,
+        "problem": None,
+    }
