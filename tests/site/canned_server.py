@@ -195,7 +195,7 @@ def application(site: CannedSite, *, tokens: bool) -> Any:
     async def static(request: Any) -> Any:
         name = request.path_params.get("file", "index.html")
         file = plotly_file() if name == "plotly.min.js" else PAGE / name
-        if file is None or not file.is_file() or file.parent != PAGE and name != "plotly.min.js":
+        if file is None or not file.is_file() or (file.parent != PAGE and name != "plotly.min.js"):
             return told(404, f"no file {name}")
         return FileResponse(
             file, headers={"Content-Security-Policy": CSP, "Cache-Control": "no-cache"}
@@ -281,7 +281,8 @@ class CannedServer:
             application(self.site, tokens=self.tokens),
             host="127.0.0.1",
             port=self.port,
-            log_level="error",
+            log_level="critical",
+            ws="none",
             timeout_graceful_shutdown=0,
         )
         self.server = uvicorn.Server(config)

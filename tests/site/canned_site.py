@@ -143,7 +143,8 @@ def small(now: float) -> CannedNetwork:
         for n, at in places.items()
     ]
     points[2]["object"] = False
-    points.append({"name": "D9", "x": None, "y": None, "z": None, "fixed": "", "determined": False})
+    points.append({"name": "D9", "x": None, "y": None, "z": None, "fixed": "", "object": True})
+    points[-1] |= {"determined": False, "datum": False}
     pairs = [(a, b) for a in ("P1", "P2", "P3") for b in places if a != b]
     sights = [_sight(draw, i, a, b) for i, (a, b) in enumerate(pairs)]
     sights[5]["w"], sights[7]["w"] = 2.6, -4.4
@@ -228,20 +229,24 @@ def verdict_row(
         return out | {"lacks": lacks or "coordinates of D9"}
     w = draw.gauss(0, 1) if state == "accepted" else draw.choice((-1, 1)) * draw.uniform(4, 9)
     test = abs(w) / CRITICAL
-    return out | {
-        "test": test,
-        "t2": w * w,
-        "dof": 1,
-        "critical": CRITICAL**2,
-        "controlled": True,
-        "components": ["value"],
-        "innovation": [1.7 * w],
-        "innovation_sigma": [1.7],
-        "small_unit": "mm",
-        "w": [w],
-        "redundancy_number": [0.62],
-        "gains": [],
-    } | ({"cause": "outside the critical value on arrival"} if state == "rejected" else {})
+    return (
+        out
+        | {
+            "test": test,
+            "t2": w * w,
+            "dof": 1,
+            "critical": CRITICAL**2,
+            "controlled": True,
+            "components": ["value"],
+            "innovation": [1.7 * w],
+            "innovation_sigma": [1.7],
+            "small_unit": "mm",
+            "w": [w],
+            "redundancy_number": [0.62],
+            "gains": [],
+        }
+        | ({"cause": "outside the critical value on arrival"} if state == "rejected" else {})
+    )
 
 
 class CannedSite:

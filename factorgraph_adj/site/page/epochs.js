@@ -71,7 +71,7 @@ function epoch(root, number, signal) {
   watch(here(`epochs/${encodeURIComponent(number)}`), (r) => box.show(r, (e) => {
     const c = e.congruence, rows = e.displacements ?? [], blocks = e.blocks ?? [];
     const head = h("div", {},
-      h("h2", { class: "livehead" }, t("epoch_n", { number: e.number }), " ", outcome(e)),
+      h("p", {}, outcome(e)),
       figures([
         [t("begin"), moment(e.begin)], [t("end"), moment(e.end)], [t("state"), word("state", e.state)],
         ["σ̂0", fixed(e.sigma0, 3)], [t("redundancy"), e.redundancy ?? "–"], [t("revision_head"), e.revision ?? "–"],
@@ -85,12 +85,12 @@ function epoch(root, number, signal) {
       caption: t("displacements", { against: e.against ?? "–" }), open: (d) => (location.hash = link("points", d.name)),
       columns: [
         { title: t("name"), value: (d) => d.name, node: (d) => pointLink(d.name) },
+        { title: t("verdict"), value: (d) => t(d.moved ? "moved" : "stable"), node: (d) => pill(d.moved ? "moved" : "stable", t(d.moved ? "moved" : "stable")) },
         ...["x", "y", "z"].map((a) => ({ title: `Δ${a} [mm]`, number: true, value: (d) => 1000 * metres(d, `d${a}`), text: (d) => fixed(1000 * metres(d, `d${a}`), 2) })),
         ...["x", "y", "z"].map((a) => ({ title: `σ Δ${a} [mm]`, number: true, later: true, value: (d) => 1000 * metres(d, `sigma_d${a}`), text: (d) => fixed(1000 * metres(d, `sigma_d${a}`), 2) })),
         { title: "T", number: true, value: (d) => d.T ?? NaN, text: (d) => fixed(d.T, 2) },
         { title: t("critical"), number: true, later: true, value: (d) => d.critical ?? NaN, text: (d) => fixed(d.critical, 2) },
         { title: `${t("detectable")} [mm]`, number: true, later: true, value: (d) => 1000 * metres(d, "detectable"), text: (d) => fixed(1000 * metres(d, "detectable"), 2) },
-        { title: t("verdict"), value: (d) => (d.moved ? 1 : 0), text: (d) => t(d.moved ? "moved" : "stable"), node: (d) => pill(d.moved ? "moved" : "stable", t(d.moved ? "moved" : "stable")) },
       ],
     });
     table?.set(rows);

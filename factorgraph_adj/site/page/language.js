@@ -90,8 +90,9 @@ const day = (seconds) => {
 };
 export const stamp = (seconds, withSeconds = false) => {
   if (!isNumber(seconds)) return "–";
-  const today = day(seconds) === day(Date.now() / 1000);
-  return `${today ? "" : `${day(seconds)} `}${clock(seconds, withSeconds)}`;
+  const own = day(seconds), today = day(Date.now() / 1000);
+  const date = own === today ? "" : own.slice(0, 4) === today.slice(0, 4) ? `${own.slice(5)} ` : `${own} `;
+  return date + clock(seconds, withSeconds);
 };
 export const utc = (seconds) => `${new Date(seconds * 1000).toISOString().slice(0, 19).replace("T", " ")} UTC`;
 

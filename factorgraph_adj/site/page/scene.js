@@ -61,7 +61,7 @@ export async function scene(root, signal) {
     return { data, layout: {
       margin: { l: 0, r: 0, t: 0, b: 0 }, uirevision: "scene", legend: { orientation: "h", y: 0, bgcolor: colour("page") },
       scene: {
-        camera: { eye: { x: 1.1, y: -1.5, z: 0.9 } }, aspectmode: "manual",
+        camera: { eye: div.clientWidth < div.clientHeight ? { x: 1.6, y: -2.3, z: 1.3 } : { x: 1.1, y: -1.5, z: 0.9 } }, aspectmode: "manual",
         aspectratio: { x: Math.max(1.6 * span[0] / most, 0.08), y: Math.max(1.6 * span[1] / most, 0.08), z: Math.max(1.6 * span[2] * times.factor / most, 0.08) },
         xaxis: title("x"), yaxis: title("y"), zaxis: title("z"),
       },

@@ -1,0 +1,507 @@
+"""The page of a site in a browser: every button, reconnection, two browsers, keyboard, phones."""
+
+import re
+
+import pytest
+
+pytest.importorskip("starlette", reason="the service of a site needs the extra serve")
+pytest.importorskip("uvicorn", reason="the service of a site needs the extra serve")
+
+from tests.site.browsers import DESK, PHONE, VIEWS, visit
+from tests.site.canned_server import CannedServer
+from tests.support.pages import chromium
+
+LONG = pytest.mark.slow("every view in both languages, themes and sizes; short tests see one")
+
+NAMELESS = """() => [...document.querySelectorAll('button, a, input, select, canvas, summary')]
+  .filter(e => e.offsetParent !== null)
+  .filter(e => !(e.getAttribute('aria-label') || e.textContent.trim() || e.title
+    || [...(e.labels ?? [])].some(l => l.textContent.trim())))
+  .map(e => e.outerHTML)"""
+"""Controls without a name for a screen reader."""
+WIDER = "() => document.documentElement.scrollWidth - innerWidth"
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium() as found:
+        yield found
+
+
+@pytest.fixture
+def server():
+    made = CannedServer()
+    yield made
+    made.stop()
+
+
+@pytest.fixture
+def guarded():
+    """A site that asks for tokens."""
+    made = CannedServer(tokens=True)
+    yield made
+    made.stop()
+
+
+def _enter(visitor, role):
+    visitor.page.locator("input[name=token]").fill(f"{role}-token")
+    visitor.press("Log in")
+    visitor.page.wait_for_selector("#view")
+
+
+# -- the whole page -------------------------------------------------------------------------------
+
+CASES = [
+    pytest.param(DESK, "en-GB", "light", id="desk"),
+    pytest.param(PHONE, "de-DE", "dark", id="phone-de-dark"),
+    pytest.param(DESK, "de-DE", "dark", id="desk-de-dark", marks=LONG),
+    pytest.param(PHONE, "en-GB", "light", id="phone", marks=LONG),
+]
+
+
+@pytest.mark.parametrize(("size", "language", "scheme"), CASES)
+def test_every_view_is_quiet_named_and_as_wide_as_the_screen(
+    browser, server, size, language, scheme
+):
+    server.site.raise_alarm()
+    for state in ("accepted", "suspect", "rejected", "waiting"):
+        server.site.arrive(state=state)
+    with visit(browser, server, size=size, language=language, scheme=scheme) as v:
+        assert v.page.evaluate("document.documentElement.lang") == language[:2]
+        assert v.page.evaluate("document.documentElement.dataset.theme") == scheme
+        places = (
+            *VIEWS,
+            "points/D3",
+            "epochs/10",
+            *(f"verdicts/{t}" for t in ("causes", "doubts")),
+        )
+        for place in places:
+            v.go(place)
+            v.holds("() => !/ …$/m.test(document.querySelector('#view').innerText.trim())")
+            assert v.page.evaluate(NAMELESS) == [], place
+            assert v.page.evaluate(WIDER) <= 0, place
+            assert "⟨" not in v.page.evaluate("document.body.innerText"), place
+            assert v.page.locator("h1").count() == 1
+        assert v.complaints == []
+        assert {re.match(r"\w+://[^/]+/", r)[0] for r in v.requests} == {server.url}
+
+
+def test_times_are_local_and_have_utc_in_their_titles(browser, server):
+    with visit(browser, server) as v:
+        v.go("instruments")
+        time = v.sees("time")
+        assert re.fullmatch(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d UTC", time.get_attribute("title"))
+
+
+def test_language_and_colours_are_switched_and_remembered(browser, server):
+    with visit(browser, server) as v:
+        v.go("more")
+        v.page.locator("[data-setting=language]").select_option("de")
+        v.sees("h1", "Mehr")
+        v.page.locator("[data-setting=theme]").select_option("dark")
+        assert v.page.evaluate("document.documentElement.dataset.theme") == "dark"
+        v.page.reload()
+        v.sees("h1", "Mehr")
+        assert v.page.evaluate("document.documentElement.dataset.theme") == "dark"
+        assert v.page.evaluate("document.documentElement.lang") == "de"
+        v.page.locator("[data-setting=theme]").select_option("")
+        assert v.page.evaluate("document.documentElement.dataset.theme") == "light"
+        assert v.complaints == []
+
+
+# -- the light and alarms -------------------------------------------------------------------------
+
+
+def test_the_light_says_why(browser, server):
+    site = server.site
+    for row in site.networks["small"].observations.values():
+        row["state"] = "accepted"
+    with visit(browser, server) as v:
+        v.sees(".light.ok", "observations fit together")
+        row = site.arrive(state="suspect")
+        v.sees(".light.doubts", "One suspect observation waits")
+        v.sees("#lamp", "Doubts")
+        site.fail_instrument("ts1", "faulty", "no prism")
+        v.sees(".light.doubts", "ts1")
+        site.raise_alarm()
+        v.sees(".light.alarm", "crest: displacement of D3, D4")
+        assert v.page.title().startswith("⚠")
+        assert "crest" in v.text("#say-alarm")
+        assert v.page.locator("#say-alarm").get_attribute("role") == "alert"
+        assert row["id"] in site.networks["small"].observations
+
+
+def test_alarms_are_acknowledged_and_silenced(browser, server):
+    alarm = server.site.raise_alarm()
+    with visit(browser, server) as v:
+        v.press("Silence", within="#alarms")
+        v.page.locator("dialog input").fill("0")
+        v.press("Silence", within="dialog")
+        v.sees("dialog .problem", "above 0")
+        v.page.locator("dialog input").fill("2.5")
+        v.press("Silence", within="dialog")
+        v.sees("[data-alarm] .pill.silenced")
+        assert alarm["state"] == "silenced"
+        v.press("Acknowledge", within="#alarms")
+        v.sees("[data-alarm] .pill.acknowledged")
+        v.sees(".light.doubts", "Acknowledged, still standing")
+        assert alarm["state"] == "acknowledged"
+        assert v.complaints == []
+
+
+# -- verdicts -------------------------------------------------------------------------------------
+
+
+def test_a_verdict_is_decided_by_every_button(browser, server):
+    rows = server.site.networks["small"].observations
+    with visit(browser, server) as v:
+        v.go("verdicts/suspects")
+        v.sees("[data-id=s0] .why", "exceeds 1")
+        v.page.locator("[data-id=s0] [data-act=accept]").click()
+        v.sees("#say", "is accepted")
+        v.page.wait_for_selector("[data-id=s0]", state="detached")
+        v.page.locator("[data-id=s1] [data-act=reject]").click()
+        v.sees("#view", "No observation is suspect")
+        assert (rows["s0"]["state"], rows["s1"]["state"]) == ("accepted", "rejected")
+        v.go("verdicts/rejected")
+        v.page.locator("[data-id=s1] [data-act=accept]").click()
+        v.page.wait_for_selector("[data-id=s1]", state="detached")
+        v.go("verdicts/waiting")
+        v.sees("[data-id=s3] .why", "Lacks coordinates of D9")
+        v.page.locator("[data-id=s3] [data-act=remove]").click()
+        v.press("Cancel", within="dialog")
+        assert rows["s3"]["state"] == "waiting"
+        v.page.locator("[data-id=s3] [data-act=remove]").click()
+        v.press("Remove", within="dialog")
+        v.sees("#view", "No observation waits")
+        assert rows["s3"]["state"] == "gone"
+
+
+def test_sigma_and_values_are_changed(browser, server):
+    row = server.site.arrive()
+    with visit(browser, server) as v:
+        v.go("verdicts")
+        one = f"[data-id={row['id']}]"
+        v.page.locator(f"{one} [data-act=sigma]").click()
+        v.page.locator("dialog input").fill("-1")
+        v.press("Change", within="dialog")
+        v.sees("dialog .problem")
+        v.page.locator("dialog input").fill("2")
+        v.press("Change", within="dialog")
+        v.sees("#say", "2 times")
+        assert row["record"]["sigma_mm"] == pytest.approx(3.0)
+        v.page.locator(f"{one} [data-act=replace]").first.click()
+        v.page.locator("dialog input[name=value]").fill("x")
+        v.press("Replace", within="dialog")
+        v.sees("dialog .problem", "value")
+        v.page.locator("dialog input[name=value]").fill("124,5")
+        v.press("Replace", within="dialog")
+        v.sees(f"[data-id={row['id']}b]")
+        new = server.site.networks["small"].observations[f"{row['id']}b"]
+        assert new["record"]["value"] == 124.5
+        assert new["record"]["station"] == "P1"
+        v.sees(f"{one} .pill.gone")
+
+
+def test_what_arrives_is_listed_held_and_sifted(browser, server):
+    site = server.site
+    with visit(browser, server) as v:
+        v.go("verdicts")
+        first = site.arrive()
+        v.sees(f"[data-id={first['id']}]")
+        v.press("Hold the list")
+        second = site.arrive(state="suspect")
+        v.sees("#view", "1 new")
+        assert v.page.locator(f"[data-id={second['id']}]").count() == 0
+        v.press("Hold the list")
+        v.sees(f"[data-id={second['id']}]")
+        v.page.get_by_label("only what did not fit").check()
+        assert v.page.locator(f"[data-id={first['id']}]").is_hidden()
+        site.tell("refused", "small", answer={"error": [{"where": "value", "what": "no number"}]})
+        v.sees("[data-verdict=refused]", "value: no number")
+        v.page.reload()
+        v.sees(f"[data-id={second['id']}]")  # from the log of the service
+
+
+def test_a_refused_command_says_why(browser, server):
+    with visit(browser, server) as v:
+        v.go("verdicts/suspects")
+        v.sees("[data-id=s0]")
+        del server.site.networks["small"].observations["s0"]
+        v.page.locator("[data-id=s0] [data-act=accept]").click()
+        v.sees("[data-id=s0] .problem", "unknown observation s0")
+        assert v.page.locator("[data-id=s0] [data-act=accept]").is_enabled()
+
+
+def test_a_verdict_in_one_browser_is_seen_in_the_other(browser, server):
+    with visit(browser, server) as one, visit(browser, server, size=PHONE) as two:
+        row = server.site.arrive(state="suspect")
+        for v in (one, two):
+            v.go("verdicts")
+            v.sees(f"[data-id={row['id']}] [data-act=accept]")
+        one.page.locator(f"[data-id={row['id']}] [data-act=accept]").first.click()
+        two.sees(f"[data-id={row['id']}][data-now=accepted]")
+        two.go("overview")
+        one.go("overview")
+        for v in (one, two):
+            v.holds("() => document.querySelector('[data-figure=suspects] a')?.textContent === '2'")
+
+
+def test_causes_and_doubts_are_shown(browser, server):
+    site = server.site
+    site.doubts = ["The side of D9 is told by one observation alone."]
+    cause = {"cause": "height of instrument", "where": "P1", "error": [0.1], "sigma": [0.002]}
+    cause |= {"t2": 2500.0, "dof": 1, "critical": 10.8, "ids": ["s0", "s1"]}
+    site.causes = {"most_probable": "The height of the instrument at P1 is wrong by 100 mm."}
+    site.causes |= {"undecided": [], "causes": [cause]}
+    with visit(browser, server) as v:
+        v.go("verdicts/causes")
+        v.sees("#view", "wrong by 100 mm")
+        v.sees("#view li", "height of instrument P1")
+        v.go("verdicts/doubts")
+        v.sees("#view li", "The side of D9")
+
+
+# -- connection -----------------------------------------------------------------------------------
+
+
+def test_figures_without_a_connection_are_not_shown_as_current(browser, server):
+    with visit(browser, server) as v:
+        v.sees(".light.doubts")
+        v.go("verdicts")
+        before = server.site.arrive()
+        v.sees(f"[data-id={before['id']}]")
+        server.stop()
+        v.sees(".banner", "Connection lost since")
+        v.sees(".fresh", "NOT CURRENT")
+        v.sees("#lamp", "Unknown")
+        v.go("overview")
+        v.sees(".light.unknown", "The connection to the service is lost")
+        assert "alarm" not in v.text("#lamp").lower()
+        missed = server.site.arrive(state="suspect")
+        server.start()
+        v.page.wait_for_selector(".banner", state="hidden")
+        v.go("verdicts")
+        v.sees(f"[data-id={missed['id']}]")
+        assert v.page.locator(f"[data-id={missed['id']}]").count() == 1
+        assert v.page.locator(f"[data-id={before['id']}]").count() == 1
+        v.sees(".fresh", "Current at")
+
+
+def test_stale_figures_tell_their_time_themselves(browser, server):
+    with visit(browser, server) as v:
+        v.sees("[data-figure=sigma0] dd")
+        script = """() => getComputedStyle(document.querySelector('[data-figure=sigma0] dd'),
+          '::after').content"""
+        assert v.page.evaluate(script) == "none"
+        server.stop()
+        v.sees(".banner", "Connection lost")
+        assert "of " in v.page.evaluate(script)
+        v.go("plan")
+        v.holds("() => window.planForTests?.stale.includes('NOT CURRENT')")
+        server.start()
+
+
+def test_a_connection_that_hangs_is_noticed(browser, server):
+    with visit(browser, server) as v:
+        v.sees(".fresh", "Current at")
+        server.site.beating = False
+        v.sees(".banner", "Connection lost")
+        server.site.beating = True
+        v.page.wait_for_selector(".banner", state="hidden")
+
+
+def test_a_service_without_its_database_is_waited_for(browser, server):
+    with visit(browser, server) as v:
+        v.go("points")
+        v.sees("tr[data-name=D3]")
+        server.site.away = True
+        v.sees(".banner", "Connection lost")
+        v.go("epochs")
+        v.sees("#view .problem", "the database is away")
+        server.site.away = False
+        v.sees("tr[data-name='10']")
+        v.page.wait_for_selector(".banner", state="hidden")
+
+
+# -- points, epochs, instruments, files -----------------------------------------------------------
+
+
+def _column(v, number):
+    script = (
+        "([n]) => [...document.querySelectorAll('#view tbody tr')].map(r => r.cells[n].innerText)"
+    )
+    return v.page.evaluate(script, [number])
+
+
+def test_points_are_sorted_filtered_and_opened(browser, server):
+    with visit(browser, server) as v:
+        v.go("points")
+        v.sees("tr[data-name=D3]")
+        sigma = v.page.get_by_role("columnheader", name="max. σ [mm]")
+        sigma.get_by_role("button").click()
+        assert sigma.get_attribute("aria-sort") == "descending"
+        found = [float(t) for t in _column(v, 7) if t != "–"]
+        assert found == sorted(found, reverse=True)
+        assert _column(v, 7)[-1] == "–"
+        v.page.get_by_label("Filter: z [m]").fill("> 119")
+        assert set(_column(v, 0)) == {"D1", "D2", "D3", "D4"}
+        v.page.get_by_label("Search: Points").fill("d3")
+        assert _column(v, 0) == ["D3"]
+        v.page.locator("tr[data-name=D3] td").nth(3).click()
+        v.sees("h1", "D3")
+
+
+def test_the_page_of_a_point_has_all_of_it(browser, server):
+    site = server.site
+    site.raise_alarm()
+    row = site.arrive(target="D3")
+    with visit(browser, server, at="#/small/points/D3") as v:
+        v.sees("#view", "Protection level, risk 0.001")
+        v.sees("#view", "P2 → D3")
+        v.sees("[data-alarm]", "crest")
+        v.sees(f"[data-id={row['id']}]")
+        v.page.wait_for_selector(".plot[data-made]")
+        names = (
+            "() => document.querySelector('.plot').data.filter(t => t.showlegend).map(t => t.name)"
+        )
+        wanted = {"± σ", "detectable displacement", "motion model", "coordinate"}
+        assert set(v.page.evaluate(names)) == wanted
+        assert "crest" in v.page.evaluate(
+            "document.querySelector('.plot').layout.annotations[0].text"
+        )
+        v.sees("#view", "significant (above 3 σ)")
+        v.page.get_by_text("Values of the time series").first.click()
+        v.sees("details table tbody tr")
+        before = v.text("[data-figure=x] dd")
+        site.networks["small"].points[5]["x"] += 0.0123
+        site.arrive(target="D3")
+        v.holds("old => document.querySelector('[data-figure=x] dd').textContent !== old", before)
+        v.go("points/nobody")
+        v.sees("#view .problem", "no point nobody")
+        v.go("points/D9")
+        v.sees("#view", "undetermined")
+        assert v.complaints == []
+
+
+def test_epochs_are_opened_and_ended(browser, server):
+    with visit(browser, server) as v:
+        v.go("epochs")
+        v.sees("tr[data-name='10'] .pill.moved", "2 points moved")
+        v.sees("tr[data-name='8'] .pill.stable")
+        v.page.wait_for_selector(".plot[data-made]")
+        assert len(v.page.evaluate("document.querySelector('.plot').data.map(t => t.name)")) == 4
+        v.press("End the present epoch")
+        v.press("End the present epoch", within="dialog")
+        v.sees("tr[data-name='12']")
+        assert server.site.networks["small"].epochs[-1]["number"] == 12
+        v.page.locator("tr[data-name='10'] a").first.click()
+        v.sees("#view", "Not congruent with epoch 0")
+        v.sees("#view", "Block 1")
+        v.sees("tr[data-name=D3] .pill.moved")
+        v.page.locator("tr[data-name=D3] a").click()
+        v.sees("h1", "D3")
+
+
+def test_instruments_show_their_health(browser, server):
+    with visit(browser, server) as v:
+        v.go("instruments")
+        v.sees("[data-instrument=ts1] .pill.ok")
+        server.site.fail_instrument("ts1", "faulty", "no prism found at 12.3 gon")
+        v.sees("[data-instrument=ts1] .pill.faulty")
+        v.sees("[data-instrument=ts1]", "no prism found")
+        assert v.page.locator("[data-instrument=ts2]").count() == 0  # of another network
+
+
+def test_files_are_downloaded(browser, server):
+    with visit(browser, server) as v:
+        v.go("downloads")
+        for name in ("report.html", "results.json", "network.gpkg", "project.zip"):
+            with v.page.expect_download() as waiting:
+                v.page.get_by_role("link", name=name, exact=True).click()
+            assert waiting.value.suggested_filename == f"small-{name}"
+
+
+def test_networks_are_changed(browser, server):
+    with visit(browser, server) as v:
+        v.page.get_by_label("Network", exact=True).select_option("tunnel")
+        v.sees(".light.doubts", "Instrument ts2: silent")
+        v.go("instruments", network="tunnel")
+        v.sees("[data-instrument=ts2]", "connection refused")
+        v.page.goto(server.url)
+        v.sees("#view")
+        assert v.page.evaluate("location.hash") == "#/tunnel/overview"  # remembered
+        server.site.arrive("small")
+        row = server.site.arrive("tunnel")
+        v.go("verdicts", network="tunnel")
+        v.sees(f"[data-id={row['id']}]")
+        assert v.page.locator(".verdicts > li").count() == 1
+
+
+# -- login and roles ------------------------------------------------------------------------------
+
+
+def test_a_token_is_asked_for_and_a_lost_session_too(browser, guarded):
+    with visit(browser, guarded, wait=False) as v:
+        v.sees("h1", "Monitoring site")
+        v.page.locator("input[name=token]").fill("guess")
+        v.press("Log in")
+        v.sees(".problem", "does not know this token")
+        _enter(v, "surveyor")
+        cookie = next(c for c in v.page.context.cookies() if c["name"] == "session")
+        assert cookie["httpOnly"] and cookie["sameSite"] == "Strict"
+        v.go("more")
+        v.sees("#view", "Your role: surveyor")
+        del guarded.site.tokens["surveyor-token"]
+        v.go("points")
+        v.sees(".problem", "session has ended")
+        _enter(v, "viewer")
+        v.go("more")
+        v.press("Log out")
+        v.sees("h1", "Monitoring site")
+        v.page.reload()
+        v.sees("h1", "Monitoring site")
+
+
+@pytest.mark.parametrize(
+    ("role", "decides", "rules"),
+    [("viewer", False, False), ("surveyor", True, False), ("admin", True, True)],
+)
+def test_buttons_that_a_role_may_not_use_are_absent(browser, guarded, role, decides, rules):
+    guarded.site.raise_alarm()
+    with visit(browser, guarded, wait=False) as v:
+        v.sees("h1", "Monitoring site")
+        _enter(v, role)
+        v.sees("[data-alarm]")
+        assert (v.page.locator("[data-alarm] button").count() > 0) == decides
+        v.go("verdicts/suspects")
+        v.sees("[data-id=s0]")
+        assert (v.page.locator("[data-act]").count() > 0) == decides
+        v.go("epochs")
+        v.sees("tr[data-name='10']")
+        assert (v.page.get_by_role("button", name="End the present").count() > 0) == decides
+        v.go("downloads")
+        v.sees("#view a")
+        assert (v.page.locator("#tokens").count() > 0) == rules
+
+
+def test_tokens_are_made_and_removed(browser, guarded):
+    with visit(browser, guarded, wait=False) as v:
+        v.sees("h1", "Monitoring site")
+        _enter(v, "admin")
+        v.go("downloads")
+        v.press("New token", within="#tokens")
+        v.press("Make it", within="dialog")
+        v.sees("dialog .problem", "whose token")
+        v.page.locator("dialog input").fill("gate")
+        v.page.locator("dialog select").select_option("viewer")
+        v.press("Make it", within="dialog")
+        secret = v.sees(".secret").text_content()
+        assert guarded.site.tokens[secret]["role"] == "viewer"
+        v.sees("#tokens tbody tr", "gate")
+        v.press("Remove: gate", within="#tokens")
+        v.press("Remove", within="dialog")
+        v.holds(
+            "() => ![...document.querySelectorAll('#tokens tbody tr')].some(r => /gate/.test(r.innerText))"
+        )
+        assert secret not in guarded.site.tokens
