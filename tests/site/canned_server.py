@@ -208,6 +208,7 @@ def application(site: CannedSite, *, tokens: bool) -> Any:
     routes = [
         Route("/", static),
         Route("/page/{file}", static),
+        Route("/plotly.min.js", library),
         Route("/api/v1/session", session, methods=["POST", "DELETE"]),
         route(
             "site",
