@@ -194,12 +194,15 @@ def application(site: CannedSite, *, tokens: bool) -> Any:
 
     async def static(request: Any) -> Any:
         name = request.path_params.get("file", "index.html")
-        file = plotly_file() if name == "plotly.min.js" else PAGE / name
-        if file is None or not file.is_file() or (file.parent != PAGE and name != "plotly.min.js"):
+        file = PAGE / name
+        if not file.is_file():
             return told(404, f"no file {name}")
-        return FileResponse(
-            file, headers={"Content-Security-Policy": CSP, "Cache-Control": "no-cache"}
-        )
+        headers = {"Content-Security-Policy": CSP, "Cache-Control": "no-cache"}
+        return FileResponse(file, headers=headers)
+
+    async def library(request: Any) -> Any:
+        file = plotly_file()
+        return told(404, "no plotly") if file is None else FileResponse(file)
 
     def file(request: Any) -> Any:
         return Response(f"{request.path_params['file']} of {net(request).name}")
