@@ -114,6 +114,7 @@ EXTRAS = {
     "httpx2": ("site",),
     "uvicorn": ("cli",),
     "paho": ("instruments",),
+    "rosbags": ("instruments",),
 }
 """Optional; imported when they are needed, and where."""
 OF_EXTRAS = (

@@ -59,6 +59,7 @@ class GrammarRecord:
 GRAMMAR_MODULES = {
     "gsi-online": "gsi_online",
     "nmea": "nmea",
+    "ros": "ros_bags",
     "sensor-lines": "sensor_lines",
 }
 """Module of each grammar by its word."""

@@ -438,6 +438,7 @@ SOURCES: dict[str, Callable[[str, Path], LineSource] | tuple[str, str]] = {
     "serial": _serial,
     "mqtt": ("mqtt", "mqtt_source"),
     "mqtts": ("mqtt", "mqtts_source"),
+    "rosbag": ("ros_bags", "rosbag_source"),
 }
 """Sources by scheme: what makes one of the text after the colon and the folder of the site file,
 or the module beside this one and its function that does."""
