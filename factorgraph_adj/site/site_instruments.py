@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from threading import Event, Thread
 from typing import Any
 
-from ..errors import InputError, Problem
+from ..errors import AdjustmentError, InputError, Problem
 from ..instruments.distance_corrections import SensorBoard
 from ..instruments.instrument import Instrument
 from ..instruments.instrument_settings import InstrumentSettings
@@ -42,7 +42,12 @@ class SiteInstruments:
         board = SensorBoard()
         self._networks, self._told = networks, told
         self._instruments = {
-            s.name: Instrument(s, units=networks[s.network].project.units, sensors=board)
+            s.name: Instrument(
+                s,
+                units=networks[s.network].project.units,
+                network=networks[s.network].project.network,
+                sensors=board,
+            )
             for s in settings
         }
         self._stop = Event()
@@ -78,6 +83,9 @@ class SiteInstruments:
             try:
                 instrument.run(lambda posting: self._post(instrument, posting), self._stop)
                 return  # the source has ended
+            except AdjustmentError as error:  # such as a password that is missing
+                instrument.health.trouble(str(error), clock.time())
+                self._stop.wait(WATCH_SECONDS)
             except Exception as error:
                 what = f"a fault of the program: {type(error).__name__}: {error}"
                 instrument.health.trouble(what, clock.time())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 
+from factorgraph_adj.instruments.nmea_sentences import checksum
 from tests.support.sites import ADDRESS, served
 
 INSTRUMENT = """
@@ -68,5 +69,48 @@ def test_a_line_that_is_wrong_is_told_in_the_health(tmp_path):
             lambda: [h for h in client.get("/api/v1/instruments").json() if h["postings"]]
         )[0]
         assert health["refused"] == 1 and "rubbish" in health["problem"]
-        kinds = [e.kind for e in client.app.state.site.events.after(0)]
-        assert "arrival" in kinds
+        events = client.app.state.site.events
+        until(lambda: "arrival" in [e.kind for e in events.after(0)])
+
+
+RECEIVER = """
+[[instrument]]
+name = "gnss"
+network = "yard"
+source = "file:gnss.txt"
+grammar = "nmea"
+point = "antenna"
+antenna_height = 1.5
+average = "10 s"
+rename = { antenna = "C" }
+"""
+
+
+def test_positions_of_a_receiver_are_in_the_frame_of_the_network(tmp_path):
+    lines = []
+    for second in range(21):
+        body = f"GNLLQ,1200{second:02d}.00,060126,50.02,M,30.01,M,3,14,0.020,103.0,M"
+        lines.append(f"${body}*{checksum(body):02X}\r\n")
+    (tmp_path / "gnss.txt").write_text("".join(lines))
+    with served(tmp_path, more=RECEIVER) as client:
+        health = until(
+            lambda: [h for h in client.get("/api/v1/instruments").json() if h["postings"] == 2]
+        )[0]
+        assert health["refused"] == 0
+
+        def found():
+            points = {p["name"]: p for p in client.get(f"{ADDRESS}/points").json()}
+            return points["C"] if points["C"]["determined"] else None
+
+        point = until(found)
+        assert abs(point["z"] - 101.5) < 1e-6
+        assert abs(point["x"] - 50.02) < 1e-6 and abs(point["y"] - 30.01) < 1e-6
+
+
+def test_a_password_that_is_missing_is_told(tmp_path):
+    table = RECEIVER.replace("file:gnss.txt", "mqtt://a@127.0.0.1/t?password_env=NO_SUCH_VARIABLE")
+    with served(tmp_path, more=table) as client:
+        health = until(
+            lambda: [h for h in client.get("/api/v1/instruments").json() if h["problem"]]
+        )[0]
+        assert health["problem"] == "the environment variable NO_SUCH_VARIABLE is not set"
