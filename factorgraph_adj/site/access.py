@@ -192,8 +192,8 @@ class Access:
         self.open = False
         return text
 
-    def revoke(self, name: str) -> None:
-        """Revoke a token; it is refused at once.
+    def revoke(self, token: int) -> str:
+        """Revoke a token, which is refused at once; return its name.
 
         Raises:
             InputError: there is no such token.
@@ -202,17 +202,16 @@ class Access:
 
         from .tables import tokens
 
-        found = next((t for t in self.listed() if t["name"] == name), None)
-        if found is None:
-            names = [t["name"] for t in self.listed()]
-            raise InputError(f"no token {name!r}; known: {known(names, meant=name)}")
-        now = clock.time()
+        listed = {t["id"]: t["name"] for t in self.listed()}
+        if token not in listed:
+            raise InputError(f"no token {token}; known: {known(map(str, listed))}")
         # The name becomes free again.
-        values = {"revoked": now, "name": f"{name[:150]} (revoked {found['id']})"}
+        values = {"revoked": clock.time(), "name": f"{listed[token][:150]} (revoked {token})"}
         with self._database.writing() as connection:
-            connection.execute(update(tokens).where(tokens.c.id == found["id"]).values(**values))
+            connection.execute(update(tokens).where(tokens.c.id == token).values(**values))
         with self._lock:
             self._known.clear()
+        return str(listed[token])
 
 
 def digest_of(token: str) -> str:

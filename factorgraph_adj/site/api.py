@@ -132,7 +132,7 @@ def _add_page(app: FastAPI) -> None:
     async def page() -> FileResponse:
         return FileResponse(PAGE_FOLDER / "index.html")
 
-    @app.get("/plotly.min.js", include_in_schema=False)
+    @app.get("/page/plotly.min.js", include_in_schema=False)
     async def plotly() -> FileResponse:
         try:
             import plotly

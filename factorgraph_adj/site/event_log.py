@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import suppress
 from typing import Any, NamedTuple
 
@@ -16,8 +16,8 @@ from .database import Database
 
 PAGE = 200
 """Events that a reader takes at once."""
-HEARTBEAT_SECONDS = 15.0
-"""Time without events after which a comment keeps the connection alive, seconds."""
+HEARTBEAT_SECONDS = 10.0
+"""Time without events after which a beat shows that the connection lives, seconds."""
 
 
 class Event(NamedTuple):
@@ -33,6 +33,14 @@ class Event(NamedTuple):
     """Kind, such as ``arrival``."""
     data: dict[str, Any]
     """Its content."""
+
+    def shown(self, names: Mapping[int, str]) -> dict[str, Any]:
+        """Return what a reader gets.
+
+        Args:
+            names: names of networks by id.
+        """
+        return {"network": names.get(self.network or 0), "at": self.at} | self.data
 
 
 class EventLog:
@@ -84,6 +92,22 @@ class EventLog:
             rows = connection.execute(wanted).all()
         return [Event(r.id, r.network, r.at, r.kind, json.loads(r.data)) for r in rows]
 
+    def latest(self, network: int, most: int) -> list[Event]:
+        """Return the latest events of a network, the oldest first.
+
+        Args:
+            network: id of the network.
+            most: number of events.
+        """
+        from sqlalchemy import select
+
+        from .tables import events
+
+        wanted = select(events).where(events.c.network == network).order_by(events.c.id.desc())
+        with self._database.reading() as connection:
+            rows = connection.execute(wanted.limit(most)).all()
+        return [Event(r.id, r.network, r.at, r.kind, json.loads(r.data)) for r in rows[::-1]]
+
     def record(self, kind: str, data: dict[str, Any], *, at: float, network: int | None) -> None:
         """Record an event that belongs to no transaction of a network."""
         from sqlalchemy import insert
@@ -98,7 +122,7 @@ class EventLog:
     async def follow(
         self, last: int | None, networks: Sequence[int] | None = None
     ) -> AsyncIterator[Event | None]:
-        """Yield events as they come; None keeps the connection alive.
+        """Yield events as they come; None is a beat.
 
         Args:
             last: number of the last event that the reader has; None: it begins with the next one.

@@ -113,6 +113,8 @@ class LiveNetwork:
         self._stale: dict[int, float] = {}
         self._clock = (0.0, clock.monotonic())
         self._lines = 0
+        self.last_arrival: float | None = None
+        """When the last posting was recorded, seconds UTC; None: none since the service began."""
         self.away = ""
         """Why the database could not be written last; empty where it could."""
         self.id, self.begun = self._row()
@@ -307,7 +309,8 @@ class LiveNetwork:
             if do != "add":
                 batch.actions.append(_action(task, str(do), task.record))
         elif not answer["ok"] and do == "add":
-            batch.events.append(("refused", {"who": task.who, "error": answer["error"]}))
+            about = {"epoch": epoch.number, "time": time, "by": task.who, "answer": answer}
+            batch.events.append(("refused", about))
         return answer
 
     def _time(self, record: dict[str, Any], task: _Task) -> float:
@@ -419,7 +422,8 @@ class LiveNetwork:
         changes = {"state": "closed", "revision": epoch.revision, "result": json.dumps(result)}
         batch.statements.append(update(epochs).where(epochs.c.id == epoch.id).values(**changes))
         shown = {k: v for k, v in result.items() if k != "estimate"}
-        batch.events.append(("epoch", {**epoch.summary(), "epoch": epoch.number, **shown}))
+        what = "closed" if epoch.revision == 1 else "result"
+        batch.events.append(("epoch", {"epoch": epoch.number, "what": what, **epoch.summary()}))
         if self._closed is not None:
             self._closed(self, epoch, batch)
         return shown

@@ -12,11 +12,12 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Body, Query, Response
 
-from ..errors import InputError
+from ..errors import InputError, Problem
 from ..io.project_writer import network_files
 from ..report.layout import finite_json
 from .dependencies import Decider, Network, Poster, Reader, TheSite
 from .live_network import COMMANDS_THAT_CHANGE, LiveNetwork
+from .observation_list import ObservationList, observation_list
 from .site import NoSuchThing
 from .views import EpochView
 
@@ -38,7 +39,13 @@ def _seen(network: LiveNetwork, what: Callable[[EpochView], Any]) -> Any:
 @network_router.get("")
 def summary(network: Network, caller: Reader) -> Answer:
     """Return what there is, in which units, and the present epoch."""
-    return {"name": network.settings.name, **_seen(network, EpochView.summary)}
+    return summary_of(network)
+
+
+def summary_of(network: LiveNetwork) -> Answer:
+    """Return what there is of a network."""
+    own = {"name": network.settings.name, "last_arrival": network.last_arrival}
+    return own | _seen(network, EpochView.summary)
 
 
 @network_router.post("/postings")
@@ -80,7 +87,7 @@ def photos(network: Network, caller: Reader) -> list[Answer]:
 @network_router.get("/sights")
 def sights(network: Network, caller: Reader) -> list[Answer]:
     """Return the observations between two places, with their test values."""
-    return list(_seen(network, EpochView.sights))
+    return list(_seen(network, lambda view: observation_list(view.epoch).sights()))
 
 
 @network_router.get("/observations")
@@ -96,10 +103,75 @@ def observations(
     """Return a page of the observations of a state."""
 
     def page(view: EpochView) -> Answer:
-        return view.observations(state, limit=limit, after=after, point=point, text=q)
+        listed = observation_list(view.epoch)
+        return listed.page(state, limit=limit, after=after, point=point, text=q)
 
     found: Answer = _seen(network, page)
     return found
+
+
+def _others(network: LiveNetwork, state: str) -> Answer:
+    found: Answer = _seen(
+        network, lambda view: {"rows": ObservationList(view.epoch, None).others(state)}
+    )
+    return found
+
+
+@network_router.get("/waiting")
+def waiting(network: Network, caller: Reader) -> Answer:
+    """Return the observations that wait, and what they lack."""
+    return _others(network, "waiting")
+
+
+@network_router.get("/suspects")
+def suspects(network: Network, caller: Reader) -> Answer:
+    """Return the observations that wait for a decision."""
+    return _others(network, "suspect")
+
+
+@network_router.get("/rejected")
+def rejected(network: Network, caller: Reader) -> Answer:
+    """Return the rejected observations."""
+    return _others(network, "rejected")
+
+
+@network_router.get("/doubts")
+def doubts(network: Network, caller: Reader) -> Answer:
+    """Return why verdicts or the result may be wrong, in sentences."""
+    return _query(network, {"do": "doubts"})
+
+
+@network_router.get("/causes")
+def causes(network: Network, caller: Reader) -> Answer:
+    """Return what several observations that misfit may have in common."""
+    return _query(network, {"do": "causes"})
+
+
+@network_router.get("/reliability")
+def reliability(
+    network: Network, caller: Reader, most: Annotated[int, Query(ge=1, le=10_000)] = 10
+) -> Answer:
+    """Return redundancy, uncontrolled and weakest observations, largest detectable errors."""
+    return _query(network, {"do": "reliability", "most": most})
+
+
+def _query(network: LiveNetwork, record: Posting) -> Answer:
+    """Return the answer of the stream to a command that changes nothing."""
+    with network.reading() as epoch:
+        answer = epoch.stream.answer_record(record, 0)
+    if not answer["ok"]:
+        raise InputError([Problem(e["what"], e["where"]) for e in answer["error"]])
+    return {k: v for k, v in answer.items() if k not in ("line", "ok", "do", "seconds", "counts")}
+
+
+@network_router.get("/events")
+def latest_events(
+    network: Network, site: TheSite, caller: Reader, most: Annotated[int, Query(ge=1, le=200)] = 100
+) -> list[Answer]:
+    """Return the latest events of the network, the oldest first."""
+    names = {live.id: name for name, live in site.networks.items()}
+    found = site.events.latest(network.id, most)
+    return [{"id": e.id, "event": e.kind, "data": e.shown(names)} for e in found]
 
 
 @network_router.get("/covariance")
@@ -108,21 +180,6 @@ def covariance(network: Network, caller: Reader, points: Names) -> Answer:
     names = [n for n in points.split(",") if n]
     found: Answer = _seen(network, lambda view: view.covariance(names))
     return found
-
-
-@network_router.get("/queries/{do}")
-async def query(
-    network: Network,
-    caller: Reader,
-    do: str,
-) -> Answer:
-    """Return the answer of the stream to a command without fields, such as ``causes``."""
-    from .live_network import QUERIES
-
-    if do not in QUERIES:
-        raise NoSuchThing(f"no query {do!r}; valid: {', '.join(sorted(QUERIES))}")
-    with network.reading() as epoch:
-        return await asyncio.to_thread(epoch.stream.answer_record, {"do": do}, 0)
 
 
 # -- epochs ----------------------------------------------------------------------------------------

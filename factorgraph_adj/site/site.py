@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time as clock
 from collections.abc import Iterable
 from contextlib import suppress
@@ -78,8 +79,21 @@ class Site:
         """Record that the health of an instrument has changed."""
         with suppress(DatabaseAway):  # it is told with the next change
             self.events.record(
-                "instrument", health, at=clock.time(), network=self.network(network).id
+                "instrument",
+                {"instrument": health},
+                at=clock.time(),
+                network=self.network(network).id,
             )
+
+    def record_action(self, who: str, action: str, data: dict[str, Any]) -> None:
+        """Record who did what."""
+        from sqlalchemy import insert
+
+        from .tables import actions
+
+        row = {"at": clock.time(), "who": who, "action": action, "data": json.dumps(data)}
+        with self.database.writing() as connection:
+            connection.execute(insert(actions).values(**row))
 
     def network(self, name: str) -> LiveNetwork:
         """Return a network.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time as clock
 from collections.abc import AsyncIterator
 from typing import Annotated, Any
 
@@ -11,8 +12,8 @@ from fastapi.responses import StreamingResponse
 
 from .access import RIGHTS
 from .dependencies import COOKIE, Manager, Reader, TheSite
-from .event_log import Event
-from .views import EpochView
+from .event_log import HEARTBEAT_SECONDS, Event
+from .network_routes import summary_of
 
 site_router = APIRouter(tags=["site"])
 SESSION_SECONDS = 30 * 86400
@@ -23,14 +24,11 @@ Answer = dict[str, Any]
 @site_router.get("/site")
 def the_site(site: TheSite, caller: Reader) -> Answer:
     """Return name, version, networks, and what the caller may do."""
-    networks = []
-    for name, live in site.networks.items():
-        with live.reading() as epoch:
-            networks.append({"name": name} | EpochView(epoch).summary())
     rights = sorted(RIGHTS[caller.role])
     return {**site.summary(), "caller": caller.name, "role": caller.role, "rights": rights} | {
-        "networks": networks,
+        "networks": [summary_of(live) for live in site.networks.values()],
         "tokens": not site.access.open,
+        "beat_s": HEARTBEAT_SECONDS,
     }
 
 
@@ -59,7 +57,7 @@ async def events(
     async def lines() -> AsyncIterator[str]:
         yield "retry: 2000\n\n"
         async for event in site.events.follow(last, wanted):
-            yield ": \n\n" if event is None else _shown(event, names)
+            yield _beat() if event is None else _shown(event, names)
 
     return StreamingResponse(
         lines(), media_type="text/event-stream", headers={"X-Accel-Buffering": "no"}
@@ -67,9 +65,12 @@ async def events(
 
 
 def _shown(event: Event, names: dict[int, str]) -> str:
-    about = {"network": names.get(event.network or 0), "at": event.at}
-    data = json.dumps(about | event.data, ensure_ascii=False)
+    data = json.dumps(event.shown(names), ensure_ascii=False)
     return f"id: {event.id}\nevent: {event.kind}\ndata: {data}\n\n"
+
+
+def _beat() -> str:
+    return f"event: beat\ndata: {json.dumps({'at': clock.time()})}\n\n"
 
 
 @site_router.get("/instruments")
@@ -117,11 +118,14 @@ def new_token(
     days: Annotated[float | None, Body()] = None,
 ) -> Answer:
     """Make a token; its text is in this answer alone."""
-    return {"name": name, "role": role, "token": site.access.add(name, role, days=days)}
+    text = site.access.add(name, role, days=days)
+    site.record_action(caller.name, "new token", {"name": name, "role": role})
+    return {"name": name, "role": role, "token": text}
 
 
-@site_router.delete("/tokens/{name}")
-def revoke_token(site: TheSite, caller: Manager, name: str) -> Answer:
-    """Revoke a token."""
-    site.access.revoke(name)
+@site_router.delete("/tokens/{token}")
+def revoke_token(site: TheSite, caller: Manager, token: int) -> Answer:
+    """Revoke a token by its id."""
+    name = site.access.revoke(token)
+    site.record_action(caller.name, "revoke token", {"name": name})
     return {}
