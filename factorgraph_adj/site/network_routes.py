@@ -44,8 +44,9 @@ def summary(network: Network, caller: Reader) -> Answer:
 
 def summary_of(network: LiveNetwork) -> Answer:
     """Return what there is of a network."""
-    own = {"name": network.settings.name, "last_arrival": network.last_arrival}
-    return own | _seen(network, EpochView.summary)
+    own: Answer = {"name": network.settings.name, "last_arrival": network.last_arrival}
+    own |= _seen(network, EpochView.summary)
+    return own
 
 
 @network_router.post("/postings")
