@@ -1,8 +1,9 @@
 """Command ``factorgraph-adj``: its table of commands, parsers that suggest words, exit codes.
 
 Commands are new, check, convert, join, guess-columns, fetch-example, formats, compare, collocate,
-adjust, plot, stream, serve, plan, propose, completion. Each adds its arguments when it is called,
-and returns an exit code of `cli.messages`. Errors go to stderr as a list, each problem on a line.
+adjust, plot, stream, serve, plan, propose, simulate-instrument, completion. Each adds its arguments
+when it is called, and returns an exit code of `cli.messages`. Errors go to stderr as a list, each
+problem on a line.
 """
 
 from __future__ import annotations
@@ -72,6 +73,11 @@ COMMAND_MODULES = {
         "image_refinement",
         "add_refine",
         "correct image coordinates for refraction and curvature of the Earth",
+    ),
+    "simulate-instrument": (
+        "instrument_simulation",
+        "add_simulate_instrument",
+        "simulate total stations on TCP ports, with faults to switch on",
     ),
     "completion": (
         "shell_completion",

@@ -70,12 +70,20 @@ class AtmosphereSettings:
             try:
                 group_index(**{**_USUAL, **stated}, wavelength=1e-9 * wavelength)
             except InputError as error:
-                row.wrong_all(error)
+                for problem in error.problems:
+                    name, _, why = problem.what.partition(" ")
+                    row.wrong(f"{_KEYS[name]} {why}")
         if row.failed or wavelength is None or index is None:
             return None
         return cls(1e-9 * wavelength, index, stated, sensor, age)
 
 
+_KEYS = {
+    "temperature": "temperature_c",
+    "pressure": "pressure_hpa",
+    "humidity": "humidity_percent",
+    "wavelength": "wavelength_nm",
+}
 _USUAL = {"temperature": 288.15, "pressure": 101325.0, "humidity": DEFAULT_HUMIDITY}
 
 

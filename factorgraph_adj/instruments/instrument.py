@@ -131,9 +131,9 @@ class Instrument:
                 self.sensors.note(self.settings.name, reading.values, time)
             case Observed():
                 renamed = [self._renamed(o) for o in reading.observations]
-                yield self._posting(renamed, time, reading.stamped is not None, [line])
+                yield self._posting(renamed, time, reading.stamped, [line])
             case AntennaPosition():
-                yield self._posting([self._position(reading)], time, True, [line])
+                yield self._posting([self._position(reading)], time, reading.stamped, [line])
 
     def _time(self, line: ReceivedLine, reading: Reading) -> float:
         """Return when a reading was measured; tell that it is late."""
@@ -141,6 +141,8 @@ class Instrument:
             time = reading.stamped
         elif reading.stamped is None or self.settings.clock == "receipt":
             return line.received
+        elif self.settings.clock == "stated":
+            return reading.stamped - self.settings.utc_offset
         else:
             time = self.clock.time(reading.stamped, line.received)
         late = line.received - time > self.settings.late_after
@@ -217,20 +219,15 @@ class Instrument:
                 self.health.tell("doubtful_faces", str(doubt), found.time)
             remark = "; ".join(str(d) for d in found.doubts)
             of = found.of
-            out.append(
-                self._posting(
-                    found.observations, found.time, of.stamped, of.lines, of.first, remark
-                )
-            )
+            out.append(self._posting(found.observations, found.time, of.stamped, of.lines, remark))
         return out
 
     def _posting(
         self,
         observations: Iterable[Observation],
         time: float,
-        stamped: bool,
+        stamped: float | None,
         lines: list[ReceivedLine],
-        first: float | None = None,
         remark: str = "",
     ) -> Posting:
         """Return observations as a posting."""
@@ -239,8 +236,8 @@ class Instrument:
         if remark:
             record["remark"] = remark
         digest = hashlib.sha256(b"\n".join(line.text for line in lines)).hexdigest()[:16]
-        # A time of the instrument, or a line of a file, is the same after a restart.
-        at = lines[0].place if lines[0].place and not stamped else iso(first or time)
+        # The clock of the instrument, or the line of a file, is the same after a restart.
+        at = lines[0].place or iso(lines[0].received) if stamped is None else iso(stamped)
         request = f"{self.settings.name} {at} {digest}"
         numbers = tuple(line.number for line in lines)
         self.health.count("postings")

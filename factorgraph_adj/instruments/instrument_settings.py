@@ -14,7 +14,7 @@
     distance_meter = "edm"             # name in the network of scale and zero of distances
     refraction = "ts1"                 # name in the network of the coefficient of refraction
     only_targets = false               # true: sights of other targets are left out
-    clock = "instrument"               # or "receipt"; default: that of the lines if they have one
+    clock = "instrument"               # or "receipt", or "stated", see `message_rules`
     utc_offset = "1 h"                 # clock of the instrument minus UTC
     clock_tolerance = "5 s"
     late_after = "2 min"
@@ -57,7 +57,7 @@ from .distance_corrections import AtmosphereSettings
 from .grammars import Grammar, grammar_record
 from .line_sources import LineSource, line_source
 
-ClockChoice = Literal["instrument", "receipt"]
+ClockChoice = Literal["instrument", "receipt", "stated"]
 PostChoice = Literal["sets", "sights"]
 DURATION_UNITS = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 """Seconds of the units of durations."""

@@ -4,7 +4,8 @@
 line came. Otherwise it was measured at stamp + offset, where the offset (UTC minus clock of the
 instrument) is what the mapping states by ``utc_offset`` at first, and the smallest difference of
 receipt and stamp of the last `OFFSET_MEMORY` messages that came in time afterwards: a delay makes a
-difference larger, never smaller.
+difference larger, never smaller. With ``clock = "stated"`` the offset is that of the mapping, and
+nothing is compared with the receipt: lines that are played at speed, or read long afterwards.
 
 **Clock jump.** A stamp that is later than its receipt by more than ``clock_tolerance`` cannot be a
 delay: the clock jumped forward, or was wrong, and the offset is new. Stamps that are earlier are a

@@ -36,9 +36,11 @@ class ReadingSet:
 
     first: float
     """Measurement of its first sight, seconds since 1970 UTC."""
-    stamped: bool
-    """Whether that is a time of the instrument."""
+    stamped: float | None
+    """The same by the clock of the instrument, which lines that come again have too; None: the
+    line has no time."""
     last: float
+    """Measurement of its last sight."""
     lines: list[ReceivedLine] = field(default_factory=list)
     faces: dict[str, int] = field(default_factory=dict)
     """Number of sights by target."""
@@ -68,7 +70,7 @@ class SetFormation:
         self.station = settings.station
         self.height = settings.instrument_height
         self.since: float | None = None
-        """Measurement of the first sight of the set-up."""
+        """First sight of the set-up, which names its sets where each sight is posted alone."""
         self.sets: dict[int, ReadingSet] = {}
         """Open sets by number of their round."""
         self._book: FieldBook | None = None
@@ -88,7 +90,7 @@ class SetFormation:
         Raises:
             InputError: it changes within the set-up.
         """
-        self._begun_book(0.0)
+        self._begun_book()
         self._book_of_set_up().set_height(0, height)
         self._raise()
         self.height = height
@@ -106,7 +108,9 @@ class SetFormation:
         """
         if self.sets and time - max(s.last for s in self.sets.values()) > self.settings.set_pause:
             yield from self.finish()
-        self._begun_book(time)
+        self._begun_book()
+        if self.since is None:
+            self.since = time if sight.stamped is None else sight.stamped
         of_sight: dict[str, Any] = {
             n: getattr(sight, n)
             for n in ("direction", "zenith", "distance", "horizontal", "target_height", "face")
@@ -120,7 +124,7 @@ class SetFormation:
             raise
         if number is None:
             number = max(self.sets, default=book.current.taken if book.current else 0)
-        of = self.sets.setdefault(number, ReadingSet(time, sight.stamped is not None, time))
+        of = self.sets.setdefault(number, ReadingSet(time, sight.stamped, time))
         of.last = max(of.last, time)
         if not of.lines or of.lines[-1] is not line:
             of.lines.append(line)
@@ -131,7 +135,9 @@ class SetFormation:
 
     def pause(self, now: float) -> Iterator[FormedSet]:
         """Yield the sets that a pause ends; ``now``: seconds since 1970 UTC."""
-        if self.sets and now - max(s.last for s in self.sets.values()) > self.settings.set_pause:
+        # Receipts: the clock of the instrument may be another, and its lines may be late.
+        received = [s.lines[-1].received for s in self.sets.values()]
+        if received and now - max(received) > self.settings.set_pause:
             yield from self.finish()
 
     def finish(self) -> Iterator[FormedSet]:
@@ -145,7 +151,7 @@ class SetFormation:
         assert self._book is not None
         return self._book
 
-    def _begun_book(self, time: float) -> None:
+    def _begun_book(self) -> None:
         """Begin the book of the set-up."""
         if self.station is None:
             raise InputError(
@@ -155,8 +161,6 @@ class SetFormation:
             source = Source(Path(self.settings.name))
             self._book = FieldBook(source, self.settings.accuracies)
             self._book.begin(0, self.station, self.height)
-        if self.since is None and time:
-            self.since = time
 
     def _raise(self) -> None:
         """Raise what the book has noted."""
@@ -195,8 +199,10 @@ class SetFormation:
             if not self.sets:
                 self._book = None  # rounds begin anew, and memory does not grow
         found = [*others, *(reduced.observations if reduced is not None else ())]
-        begin = self.since if self.settings.post == "sights" else of.first
-        name = f"{self.settings.name} {iso(of.first if begin is None else begin)}"
+        begin = of.first if of.stamped is None else of.stamped
+        if self.settings.post == "sights" and self.since is not None:
+            begin = self.since
+        name = f"{self.settings.name} {iso(begin)}"
         if found:
             doubts = reduced.doubts if reduced is not None else ()
             yield FormedSet(tuple(self._named(o, name) for o in found), doubts, of)
