@@ -191,6 +191,7 @@ if _TYPE_CHECKING:
     from .quality.point_precision import check_points, distance_precision
     from .quality.precision_maps import precision_map
     from .quality.prediction import predict
+    from .quality.protection_levels import protection_levels
     from .quality.reliability import reliability
     from .quality.robust_estimation import robust_adjust
     from .quality.snooping import snoop
@@ -247,18 +248,19 @@ __all__ = [
     "from_grid", "grid_coordinates", "grid_photos", "image_corrections", "join", "level_test",
     "load_solution", "measure", "memory_needed", "orient", "plan", "plot_network",
     "point_corrections", "positional_accuracy", "precision_map", "predict", "preliminary",
-    "propose", "radial_units", "read", "read_aicon", "read_bal", "read_bundler", "read_colmap",
-    "read_columns", "read_comp3d", "read_dbat", "read_dynadjust", "read_dynaml", "read_gama",
-    "read_gama_g3", "read_gsi", "read_gvx", "read_jag3d", "read_jobxml", "read_landxml",
-    "read_lgc2", "read_metashape", "read_micmac", "read_mmvii", "read_opencv", "read_openmvg",
-    "read_opensfm", "read_opf", "read_project", "read_rpc", "read_sdr33", "read_sinex",
-    "read_star_net", "read_star_net_project", "reduce_faces", "refine_images", "register_lens",
-    "register_observation", "register_reader", "register_unknown", "relative_model", "reliability",
-    "results_schema", "robust_adjust", "s_transform", "signal_test", "significance", "snoop",
-    "solution_budget", "text_report", "to_xarray", "uncertainty_budget", "vectors_in_own_datum",
-    "wgs84_coordinates", "with_image_signals", "with_signals", "without", "write", "write_colmap",
-    "write_dxf", "write_dynaml", "write_geojson", "write_geopackage", "write_gvx", "write_jag3d",
-    "write_kml", "write_landxml", "write_metashape", "write_opencv", "write_opf", "write_ply",
+    "propose", "protection_levels", "radial_units", "read", "read_aicon", "read_bal",
+    "read_bundler", "read_colmap", "read_columns", "read_comp3d", "read_dbat", "read_dynadjust",
+    "read_dynaml", "read_gama", "read_gama_g3", "read_gsi", "read_gvx", "read_jag3d",
+    "read_jobxml", "read_landxml", "read_lgc2", "read_metashape", "read_micmac", "read_mmvii",
+    "read_opencv", "read_openmvg", "read_opensfm", "read_opf", "read_project", "read_rpc",
+    "read_sdr33", "read_sinex", "read_star_net", "read_star_net_project", "reduce_faces",
+    "refine_images", "register_lens", "register_observation", "register_reader",
+    "register_unknown", "relative_model", "reliability", "results_schema", "robust_adjust",
+    "s_transform", "signal_test", "significance", "snoop", "solution_budget", "text_report",
+    "to_xarray", "uncertainty_budget", "vectors_in_own_datum", "wgs84_coordinates",
+    "with_image_signals", "with_signals", "without", "write", "write_colmap", "write_dxf",
+    "write_dynaml", "write_geojson", "write_geopackage", "write_gvx", "write_jag3d", "write_kml",
+    "write_landxml", "write_metashape", "write_opencv", "write_opf", "write_ply",
     "write_precision_map", "write_project", "write_report", "write_results", "write_sinex",
     "write_star_net", "zenith_test",
 ]
@@ -393,6 +395,7 @@ _NAMES = {
     "quality.point_precision": "check_points distance_precision",
     "quality.precision_maps": "precision_map",
     "quality.prediction": "predict",
+    "quality.protection_levels": "protection_levels",
     "quality.reliability": "reliability",
     "quality.robust_estimation": "robust_adjust",
     "quality.snooping": "snoop",

@@ -109,7 +109,8 @@ class Reliability(Shown):
     """Σr of the factors that the user added, which completes the redundancy."""
     precision: Array
     """(P Q_vv P)_ii, the inverse variance of an estimated error; 1/unit²."""
-    _leverages: Leverages
+    leverages: Leverages
+    """Leverages of all observations."""
 
     def headline(self) -> str:
         """Say how much is controlled, and how well."""
@@ -179,7 +180,7 @@ class Reliability(Shown):
         rows, least = self.solution.normal().system.extra, least_share(self.solution)
         return tuple(
             factor_reliability(e, found, self.alpha, self.delta0, sigma0, least)
-            for e, found in zip(rows, self._leverages.extra, strict=True)
+            for e, found in zip(rows, self.leverages.extra, strict=True)
         )
 
     def factor(self, name: str) -> FactorReliability:
@@ -199,7 +200,7 @@ class Reliability(Shown):
         """Tests of correlated groups as a whole: observations with a covariance, clusters."""
         return group_reliabilities(
             self.solution,
-            self._leverages.hats,
+            self.leverages.hats,
             (self.alpha, self.power),
             np.sqrt(self.solution.variance_factor),
         )
@@ -386,7 +387,7 @@ def reliability(
         controlled=controlled,
         redundancy_of_extra_factors=extra,
         precision=precision,
-        _leverages=found,
+        leverages=found,
     )
 
 

@@ -1,0 +1,266 @@
+"""Protection levels against dense equations, linear programmes, trials and real data snooping."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from itertools import combinations
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+import factorgraph_adj as fga
+from factorgraph_adj.errors import InputError
+from factorgraph_adj.quality import fault_modes
+from factorgraph_adj.quality.integrity_risk import (
+    length_tail,
+    missed_detection,
+    protection_level,
+    risk_at,
+)
+from factorgraph_adj.quality.protection_levels import FIGURES, ProtectionLevels
+from tests.benchmarks.protection_levels import DenseModel, of_mode, trials, worst_errors
+from tests.support.scatter import NETWORKS, measure
+
+FALSE_ALARM = 1e-4
+"""Probability with which a right level fails one count of trials."""
+ROUNDING = 1e-6
+"""Relative: what the factorisation and the dense inverse differ by."""
+
+
+@cache
+def adjusted(kind: str) -> fga.Solution:
+    """Return an adjusted network of one kind of observations."""
+    return fga.adjust(measure(NETWORKS[kind](), seed=0))
+
+
+@pytest.mark.parametrize("risk", [1e-2, 1e-4])
+@pytest.mark.parametrize("dof", [1, 3])
+def test_a_level_has_the_risk_at_the_worst_size(risk: float, dof: int) -> None:
+    slope = np.array([0.0, 0.2, 1.0, 4.0, 40.0])
+    level = protection_level(np.full(5, 2.0), slope, risk, 1e-3, dof=dof)
+    found = risk_at(level, np.full(5, 2.0), slope, 1e-3, dof=dof)
+    assert np.all(found <= risk * (1.0 + 1e-4))
+    assert np.all(found >= risk * 0.98)
+
+
+def test_a_test_is_missed_as_often_as_its_law_says() -> None:
+    rng = np.random.default_rng(3)
+    w = rng.standard_normal((200_000, 3)) + np.array([2.0, 1.0, 2.0])
+    size = np.array([3.0])
+    for dof, statistic in ((1, (w[:, 0] + 1.0) ** 2), (3, np.sum(w**2, axis=1))):
+        critical = {1: 3.290527**2, 3: 16.26624}[dof]
+        missed = int(np.sum(statistic <= critical))
+        p = float(missed_detection(size, 1e-3, dof)[0])
+        low, high = binom.ppf([FALSE_ALARM / 2, 1 - FALSE_ALARM / 2], len(w), p)
+        assert low <= missed <= high
+
+
+def test_lengths_of_vectors_have_their_tail() -> None:
+    rng = np.random.default_rng(4)
+    for axes in ((1.0, 0.25), (1.0, 0.0), (1.0, 0.5, 0.25), (1.0, 1.0, 1.0)):
+        size = np.linalg.norm(rng.standard_normal((200_000, len(axes))) * axes, axis=1)
+        for t in (0.5, 2.0, 3.0):
+            p = float(length_tail(np.array([t]), np.array(axes))[0])
+            low, high = binom.ppf([FALSE_ALARM / 2, 1 - FALSE_ALARM / 2], len(size), p)
+            assert low <= np.sum(size > t) <= high
+
+
+def slopes_by_programming(model: DenseModel, axes: np.ndarray, faults: int) -> float:
+    """Return the largest bias that no test sees, by linear programmes of all fault modes."""
+    best = 0.0
+    for mode in combinations(range(len(model.readings)), faults):
+        rows = np.concatenate([model.readings[k] for k in mode])
+        best = max(best, float(np.abs(axes @ worst_errors(model, axes, rows)).max()))
+    return best
+
+
+@pytest.mark.parametrize("kind", ["slope_distance", "height_difference", "control", "gnss_vector"])
+@pytest.mark.parametrize("faults", [1, 2])
+def test_slopes_bound_the_linear_programmes_of_all_fault_modes(kind: str, faults: int) -> None:
+    solution = adjusted(kind)
+    levels = fga.protection_levels(solution, faults=faults)
+    model = DenseModel(solution, levels.alpha)
+    i = int(np.argmax(levels.sigmas[:, 2] > 0))
+    axes = model.figure(levels.names[i], "z")
+    exact = slopes_by_programming(model, axes, faults)
+    assert levels.slopes[i, 2] >= exact * (1.0 - ROUNDING)
+    assert levels.slopes[i, 2] <= exact * (1.0 if faults == 1 and kind != "control" else 3.0) + 1e-9
+
+
+def test_one_fault_has_the_external_reliability_as_its_slope() -> None:
+    solution = adjusted("slope_distance")
+    rel = fga.reliability(solution)
+    levels = fga.protection_levels(rel, faults=1)
+    name = levels.names[int(np.argmax(levels.sigmas[:, 0] > 0))]
+    effects = [
+        abs(rel.effect_on(row, name)[0]) / rel.delta0
+        for row in range(len(rel.w))
+        if rel.controlled[row]
+    ]
+    assert levels.slopes[levels.number[name], 0] == pytest.approx(max(effects), rel=ROUNDING)
+    mode = levels.weakest(name, "x")
+    assert mode is not None
+    assert mode.rows == (int(np.argmax(effects)),)
+
+
+def test_few_pairs_give_no_smaller_level(monkeypatch: pytest.MonkeyPatch) -> None:
+    solution = adjusted("direction")
+    every = fga.protection_levels(solution)
+    monkeypatch.setattr(fault_modes, "DENSE_ROWS", 0)
+    some = fga.protection_levels(solution)
+    assert np.all(some.levels >= every.levels * (1.0 - ROUNDING))
+    assert np.all(some.levels <= every.levels * (1.0 + fault_modes.LEAST_COHERENCE) + 1e-9)
+
+
+@pytest.mark.parametrize("kind", ["slope_distance", "height_difference", "gnss_vector"])
+@pytest.mark.parametrize("faults", [1, 2])
+def test_trials_keep_the_risk(kind: str, faults: int) -> None:
+    solution, risk, number = adjusted(kind), 1e-2, 20_000
+    levels = fga.protection_levels(solution, risk=risk, faults=faults)
+    model = DenseModel(solution, levels.alpha)
+    limit = binom.ppf(1.0 - FALSE_ALARM, number, risk)
+    counts = list(of_mode(kind, model, levels, number, np.random.default_rng(5)))
+    assert counts
+    for count in counts:
+        assert count.exceeded <= limit, str(count)
+    if faults == 1 and kind != "gnss_vector":
+        # A level is no larger than it must be: the worst fault nearly has the risk.
+        assert max(c.exceeded for c in counts) >= 0.5 * risk * number
+
+
+def test_a_smaller_level_fails() -> None:
+    solution, number = adjusted("height_difference"), 50_000
+    levels = fga.protection_levels(solution, risk=1e-2, faults=1)
+    model = DenseModel(solution, levels.alpha)
+    i = int(np.argmax(levels.sigmas[:, 2] > 0))
+    name = levels.names[i]
+    axes = model.figure(name, "z")
+    mode = levels.weakest(name, "z")
+    assert mode is not None
+    rows = model.readings[solution.equations.reading_of_row[mode.rows[0]]]
+    fault = worst_errors(model, axes, rows)
+    largest = max(
+        int(np.sum(trials(model, axes, s * fault, number, np.random.default_rng(6)) > 0.9 * level))
+        for s in (2.5, 3.0, 3.5, 4.0)
+        for level in (levels.level(name, "z"),)
+    )
+    assert largest > binom.ppf(1.0 - FALSE_ALARM, number, 1e-2)
+
+
+def polar() -> fga.Network:
+    """Return a levelling loop with a point that one line determines."""
+    network = fga.Network("a loop and a spur")
+    network.add_point("A", (0, 0, 100.0), fixed="xyz")
+    for name, z in (("B", 101.0), ("C", 102.0), ("S", 103.0)):
+        network.add_point(name, (0, 0, z), fixed="xy")
+    for a, b, dz in (("A", "B", 1.0), ("B", "C", 1.0), ("A", "C", 2.0), ("C", "S", 1.0)):
+        network.add(fga.HeightDifference(a, b, dz, sigma=1e-3))
+    network.add(fga.HeightDifference("A", "B", 1.0002, sigma=1e-3))
+    network.add(fga.HeightDifference("A", "C", 2.0001, sigma=1e-3))
+    return network
+
+
+def test_an_uncontrolled_observation_makes_the_level_infinite_and_is_named() -> None:
+    levels = fga.protection_levels(fga.adjust(polar()), faults=1)
+    assert np.isinf(levels.level("S", "z"))
+    mode = levels.weakest("S", "z")
+    assert mode is not None
+    assert "C" in str(mode)
+    assert "S" in str(mode)
+    assert np.isfinite(levels.level("B", "z"))
+    assert levels.level("A") == 0.0
+    assert levels.weakest("A") is None
+    assert "1 infinite" in levels.headline()
+
+
+def test_two_inseparable_observations_are_named() -> None:
+    network = fga.Network("a loop")
+    network.add_point("A", (0, 0, 100.0), fixed="xyz")
+    for name, z in (("B", 101.0), ("C", 102.0)):
+        network.add_point(name, (0, 0, z), fixed="xy")
+    for a, b, dz in (("A", "B", 1.0), ("B", "C", 1.0), ("A", "C", 2.0)):
+        network.add(fga.HeightDifference(a, b, dz, sigma=1e-3))
+    solution = fga.adjust(network)
+    assert np.isfinite(fga.protection_levels(solution, faults=1).level("B", "z"))
+    levels = fga.protection_levels(solution)
+    assert np.isinf(levels.level("B", "z"))
+    mode = levels.weakest("B", "z")
+    assert mode is not None
+    assert len(mode.ids) == 2
+    # Errors of A B and another line that cancel in the loop move B, those of B C and A C do not.
+    assert 0 in mode.rows
+
+
+def test_an_alarm_is_told() -> None:
+    network = polar()
+    (first, *_) = network.observations
+    network.observations[first] = replace(network.observations[first], value=1.05)
+    levels = fga.protection_levels(fga.adjust(network))
+    assert not levels.accepted
+    assert "NOT ACCEPTED" in levels.headline()
+    assert fga.protection_levels(fga.adjust(polar())).accepted
+
+
+def test_after_snooping_the_risk_is_divided_among_the_outcomes() -> None:
+    network = measure(NETWORKS["height_difference"](), seed=0)
+    found = fga.snoop(network)
+    assert not found.rejected
+    plain, after = (fga.protection_levels(x, risk=1e-3) for x in (found.solution, found))
+    assert after.outcome_risk == pytest.approx(0.5e-3)
+    assert np.all(after.levels >= plain.levels)
+    first = next(iter(network.observations))
+    o = network.observations[first]
+    network.observations[first] = replace(o, value=o.value + 0.05)
+    found = fga.snoop(network)
+    assert found.rejected_ids == (first,)
+    levels = fga.protection_levels(found, risk=1e-3)
+    n = len(network.observations)
+    assert levels.rejected == 1
+    assert levels.outcome_risk == pytest.approx(1e-3 / 4 / n)
+
+
+def test_data_snooping_of_nonlinear_networks_keeps_the_risk() -> None:
+    """A tenth of the trials may exceed a level of that risk; gross errors from 0 to 12 σ."""
+    plan, risk = NETWORKS["slope_distance"](), 0.1
+    true = fga.adjust(measure(plan, seed=0, noise=False))
+    rng = np.random.default_rng(7)
+    exceeded, number = np.zeros((len(true.network.points), len(FIGURES) - 3), dtype=int), 120
+    kept: dict[tuple[str, ...], ProtectionLevels] = {}
+    for seed in range(number):
+        network = measure(plan, seed=seed)
+        ids = list(network.observations)
+        for k in rng.choice(len(ids), 2, replace=False).tolist():
+            o = network.observations[ids[k]]
+            network.observations[ids[k]] = replace(
+                o, value=o.value + rng.uniform(-12, 12) * float(true.equations.sigmas()[k])
+            )
+        found = fga.snoop(network, start=true)
+        if found.unresolved:
+            continue
+        key = tuple(sorted(found.rejected_ids))
+        if key not in kept:
+            kept[key] = fga.protection_levels(found, risk=risk)
+        error = np.abs(found.solution.state["point"] - true.state["point"])
+        exceeded += error > kept[key].coordinates + 1e-12
+    assert exceeded.max() <= binom.ppf(1.0 - FALSE_ALARM, number, risk)
+    assert len(kept) > 1
+
+
+def test_what_has_no_level_is_refused() -> None:
+    network = polar()
+    solution = fga.adjust(network)
+    with pytest.raises(InputError, match="risk must lie between 0 and 1"):
+        fga.protection_levels(solution, risk=0.0)
+    with pytest.raises(InputError, match="faults must be 1 or 2"):
+        fga.protection_levels(solution, faults=3)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="unknown point"):
+        fga.protection_levels(solution, points=["Q"])
+    with pytest.raises(InputError, match="estimated σ0"):
+        fga.protection_levels(fga.adjust(network, variance="a-posteriori"))
+    levels = fga.protection_levels(solution, points=["B"])
+    with pytest.raises(InputError, match="not asked for"):
+        levels.level("C")
+    with pytest.raises(InputError, match="unknown figure"):
+        levels.level("B", "down")  # type: ignore[arg-type]
