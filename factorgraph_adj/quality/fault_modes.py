@@ -366,7 +366,7 @@ def _pair_class(
             i, j = np.broadcast_arrays(rows[:, part, None], rows[:, None, part])
             own[:, part, part] = np.asarray(r.dual[i.ravel(), j.ravel()]).reshape(i.shape)
         dual = own @ inverse
-    inseparable: Mask = np.logical_not(on).any(axis=1)
+    inseparable = np.asarray(np.any(~on, axis=1))
     lost = np.where(on, 0.0, 1.0)[inseparable]
     vectors = vectors[inseparable]
     alternatives = _alternatives(r, coherence, rows, dual, inseparable) if m == 2 else ()
