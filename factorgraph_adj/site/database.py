@@ -2,7 +2,8 @@
 
 A transaction is on the disk when it ends (``synchronous = FULL`` in SQLite; PostgreSQL by its own
 default): what was acknowledged after that survives a loss of power. One process serves a database
-at a time; a second one is refused.
+at a time; a second one is refused. In PostgreSQL it writes on the connection that holds the
+database: where that was lost and another process has taken the database, nothing is written.
 """
 
 from __future__ import annotations
@@ -25,7 +26,11 @@ if TYPE_CHECKING:
 EXTRA_MISSING = "the service of a site needs further packages: pip install 'factorgraph_adj[serve]'"
 """Message where the extra is missing."""
 BUSY_SECONDS = 10.0
-"""Time to wait for another connection of SQLite, seconds."""
+"""Time to wait for another program that locks tables or the file, seconds."""
+MIGRATIONS = Path(__file__).parent / "migrations"
+"""Folder of the migrations."""
+CONNECT_SECONDS = 5
+"""Time after which a server of PostgreSQL that does not answer is away, seconds."""
 ADVISORY_LOCK = 0x66_67_61_73
 """Number of the lock by which a service holds a database of PostgreSQL."""
 
@@ -63,18 +68,33 @@ class Database:
             raise InputError(Problem("is no address of a database", text)) from None
         self.where = made.render_as_string(hide_password=True) if self.path is None else text
         """Address for messages, without password."""
-        self._lock, self._held = threading.Lock(), None
-        options: dict[str, Any] = {} if self.path else {"pool_pre_ping": True}
-        if self.path is not None:
-            options["connect_args"] = {"timeout": BUSY_SECONDS, "check_same_thread": False}
-        self.engine: Engine = create_engine(made, **options)
+        self._lock, self._serves = threading.Lock(), serve
+        self._held: int | None = None
+        self._writer: Connection | None = None
+        options: dict[str, Any]
+        if self.path is None:
+            patience = {
+                "connect_timeout": CONNECT_SECONDS,
+                "tcp_user_timeout": 2000 * CONNECT_SECONDS,
+                "options": f"-c lock_timeout={1000 * BUSY_SECONDS:.0f}",
+            }
+            options = {"pool_pre_ping": True, "connect_args": patience}
+        else:
+            options = {"connect_args": {"timeout": BUSY_SECONDS, "check_same_thread": False}}
+        try:
+            self.engine: Engine = create_engine(made, **options)
+        except ImportError as error:
+            what = f"needs {error.name}: pip install 'factorgraph_adj[postgresql]'"
+            raise InputError(Problem(what, self.where)) from None
+        except SQLAlchemyError as error:
+            raise InputError(Problem(reason_of(error), self.where)) from None
         """Engine of SQLAlchemy."""
         if self.path is not None:
             event.listen(self.engine, "connect", _prepare_sqlite)
             event.listen(self.engine, "begin", _begin_sqlite)
         try:
             if serve:
-                self._held = self._hold()
+                self._hold()
             self._upgrade()
         except BaseException as error:
             self.close()
@@ -83,21 +103,18 @@ class Database:
                 raise InputError(Problem(what, self.where)) from None
             raise
 
-    def _hold(self) -> Any:
-        """Hold the database for this process."""
+    def _hold(self) -> None:
+        """Hold the database for this process.
+
+        Raises:
+            InputError: another process holds it.
+        """
         taken = "is served by another process already: stop that one first"
         if self.path is None:
-            from sqlalchemy import text
-
-            connection = self.engine.connect()
-            got = connection.execute(
-                text("select pg_try_advisory_lock(:number)"), {"number": ADVISORY_LOCK}
-            ).scalar()
-            connection.commit()
-            if not got:
-                connection.close()
+            self._writer = self._holding_connection()
+            if self._writer is None:
                 raise InputError(Problem(taken, self.where))
-            return connection
+            return
         try:
             descriptor = os.open(f"{self.path}.lock", os.O_RDWR | os.O_CREAT, 0o600)
         except OSError as error:
@@ -109,7 +126,25 @@ class Database:
             except OSError:
                 os.close(descriptor)
                 raise InputError(Problem(taken, self.where)) from None
-        return descriptor
+        self._held = descriptor
+
+    def _holding_connection(self) -> Connection | None:
+        """Return a connection that holds a database of PostgreSQL; None where another one does."""
+        from sqlalchemy import text
+
+        connection = self.engine.connect()
+        wanted = text("select pg_try_advisory_lock(:number)").bindparams(number=ADVISORY_LOCK)
+        try:
+            got = connection.execute(wanted).scalar()
+            connection.commit()
+        except BaseException:
+            connection.invalidate()
+            connection.close()
+            raise
+        if got:
+            return connection
+        connection.close()
+        return None
 
     def _upgrade(self) -> None:
         """Bring the tables to this version.
@@ -122,7 +157,7 @@ class Database:
         from alembic.util import CommandError
 
         config = Config()
-        config.set_main_option("script_location", str(Path(__file__).parent / "migrations"))
+        config.set_main_option("script_location", str(MIGRATIONS))
         with self._lock, self.engine.connect() as connection:
             config.attributes["connection"] = connection
             try:
@@ -157,21 +192,39 @@ class Database:
         from sqlalchemy.exc import SQLAlchemyError
 
         try:
-            with self._lock, self.engine.connect() as connection:
-                connection = connection.execution_options(writes=True)
-                with connection.begin():
-                    yield connection
+            with self._lock, self._writing_connection() as connection, connection.begin():
+                yield connection
         except SQLAlchemyError as error:
             raise DatabaseAway(f"{self.where}: {reason_of(error)}") from None
+
+    @contextmanager
+    def _writing_connection(self) -> Iterator[Connection]:
+        """Give the connection on which transactions are written."""
+        if self.path is not None or not self._serves:
+            with self.engine.connect() as connection:
+                yield connection.execution_options(writes=True)
+            return
+        if self._writer is None:
+            self._writer = self._holding_connection()
+        if self._writer is None:
+            raise DatabaseAway(f"{self.where}: another process serves it now: stop one of them")
+        try:
+            yield self._writer
+        finally:
+            if self._writer.invalidated:
+                lost, self._writer = self._writer, None
+                with suppress(Exception):
+                    lost.close()
 
     def close(self) -> None:
         """Give the database back."""
         held, self._held = self._held, None
-        if isinstance(held, int):
+        if held is not None:
             os.close(held)
-        elif held is not None:
+        writer, self._writer = self._writer, None
+        if writer is not None:
             with suppress(Exception):
-                held.close()
+                writer.close()
         self.engine.dispose()
 
 

@@ -236,6 +236,8 @@ class LiveNetwork:
                 with self._lock:
                     self._execute(tasks, ends=ends)
             except BaseException as error:  # the thread must live, whatever happens
+                with self._lock:
+                    self._epochs.drop()  # lines of what was not acknowledged must not be written
                 for task in tasks:
                     if not task.future.done():
                         task.future.set_exception(error)

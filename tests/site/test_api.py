@@ -7,6 +7,7 @@ import pytest
 from tests.networks.yard import ARRIVALS, WRONG
 from tests.support.sites import ADDRESS, served
 
+pytestmark = pytest.mark.usefixtures("store")
 ROLES = ("instrument", "viewer", "surveyor", "admin")
 
 

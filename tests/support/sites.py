@@ -14,10 +14,12 @@ from factorgraph_adj.site.site import Site
 from factorgraph_adj.site.site_file import read_site
 from tests.networks.projects import write
 from tests.networks.yard import YARD
+from tests.support.postgresql import server
 
 SITE = """\
 [site]
 name = "Yard"
+database = "{database}"
 [[network]]
 name = "yard"
 project = "yard"
@@ -28,12 +30,41 @@ objects = ["C"]
 ADDRESS = "/api/v1/networks/yard"
 
 
+STORES = ("sqlite", "postgresql")
+"""Databases of sites; tests that take the fixture ``store`` run on each."""
+_store = "sqlite"
+
+
+@contextmanager
+def storing_in(store: str) -> Iterator[None]:
+    """Let sites that begin meanwhile have their database in this store."""
+    global _store
+    before, _store = _store, store
+    if store == "postgresql":
+        server()
+    try:
+        yield
+    finally:
+        _store = before
+
+
+def new_database(folder: Path) -> str:
+    """Return what a site file in a folder says of a new database."""
+    return server().new_database() if _store == "postgresql" else "site.sqlite"
+
+
 def yard_site(folder: Path, *, epochs: str = "by hand", more: str = "") -> Path:
     """Write the yard as a site, and return the folder."""
     if not (folder / "site.toml").exists():
         write(folder / "yard", YARD)
-        (folder / "site.toml").write_text(SITE.format(epochs=epochs) + more)
+        text = SITE.format(epochs=epochs, database=new_database(folder)) + more
+        (folder / "site.toml").write_text(text)
     return folder
+
+
+def database_of(folder: Path) -> str:
+    """Return the address of the database of a site, which is made where there is none."""
+    return read_site(yard_site(folder)).database
 
 
 @contextmanager
