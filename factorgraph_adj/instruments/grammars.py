@@ -58,6 +58,7 @@ class GrammarRecord:
 
 GRAMMAR_MODULES = {
     "gsi-online": "gsi_online",
+    "geocom": "geocom",
     "nmea": "nmea",
     "ros": "ros_bags",
     "sensor-lines": "sensor_lines",

@@ -26,7 +26,7 @@ from .grammars import GrammarRecord
 from .reading_book import ReadingBook
 from .readings import Reading, ReceivedLine, Sight
 
-_APPLIED = re.compile(r"([+-]\d{4,12})([+-]\d{3})")
+_APPLIED = re.compile(r"([+-]\d{3,12})([+-]\d{3,12})")
 """Atmospheric correction, ppm, and prism constant, mm, of word 51."""
 
 

@@ -93,7 +93,7 @@ class Instrument:
         except InputError as error:
             self._refuse(line, error)
             return out
-        if self.repeated.is_doubled(line, readings):
+        if readings and self.repeated.is_doubled(line, readings):
             self.health.tell("doubled", f"came twice: {self._place(line)}", line.received)
             return out
         if not readings:

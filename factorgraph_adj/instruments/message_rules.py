@@ -109,7 +109,7 @@ class RepeatedLines:
             self._seen.popitem(last=False)
         if before is None:
             return False
-        if readings and all(r.identity for r in readings):
+        if all(r.identity for r in readings):
             return True
         return not line.place and line.received - before <= self.within
 

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from threading import Event
+
 import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.instruments import Instrument, ReceivedLine, Sight, read_instruments
 from factorgraph_adj.instruments.gsi_online import GsiOnline
+from factorgraph_adj.instruments.line_sources import FileSource
 from factorgraph_adj.io.observation_records import observation_from_record
+from tests.support.places import data_dir
 
 STATION = "11....+00000000P1 "
 
@@ -152,3 +157,28 @@ def test_what_is_not_gsi_is_refused_with_the_reason(text, why):
     assert of.take(ReceivedLine(text.encode("latin-1"), 10.0, 7)) == []
     assert of.health.counts["refused"] == 1
     assert why in of.health.problem and "line 7" in of.health.problem
+
+
+@pytest.mark.parametrize(
+    "name, keys, doubled",
+    [
+        ("RILIEVO.gsi", {"station": "S"}, 0),
+        ("leica_gsi16_gurob.gsi", {"station": "S"}, 23),
+        ("geoeasy_network.GSI", {"station_code": "21"}, 0),
+    ],
+)
+def test_real_files_come_as_streams_with_the_observations_of_the_reader(name, keys, doubled):
+    """Files of Total Open Station and GeoEasy; 23 blocks of one of them stand in it twice."""
+    path = data_dir("field_files") / name
+    if not path.exists():
+        pytest.skip(f"{path} is not there")
+    network = fga.read(path, **keys)
+    of = instrument(**keys)
+    of.source = FileSource(path, follow=False)
+    found = observations(p for p in of.postings(Event()) if p is not None)
+    assert of.health.counts["refused"] == 0
+    assert of.health.counts["doubled"] == doubled
+    file = Counter(repr(sorted(compared(o).items())) for o in network.observations.values())
+    stream = Counter(repr(sorted(compared(o).items())) for o in found)
+    assert stream - file == Counter()
+    assert (file - stream).total() == 3 * doubled
