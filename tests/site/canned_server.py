@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import importlib.util
 import json
+import mimetypes
 import socket
 import threading
 from collections.abc import AsyncIterator
@@ -43,7 +44,7 @@ def application(site: CannedSite, *, tokens: bool) -> Any:
         tokens: whether a caller needs a session; otherwise everybody is an administrator.
     """
     from starlette.applications import Starlette
-    from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
+    from starlette.responses import JSONResponse, Response, StreamingResponse
     from starlette.routing import Route
 
     def role(request: Any) -> str | None:
@@ -94,7 +95,7 @@ def application(site: CannedSite, *, tokens: bool) -> Any:
                 for o in net(request).observations.values()
                 if o["state"] in among and (point is None or point in o["points"])
             ]
-            return {"rows": found, "next": None}
+            return {"rows": found, "total": len(found), "next": None}
 
         return rows
 
@@ -144,7 +145,7 @@ def application(site: CannedSite, *, tokens: bool) -> Any:
         key = f"secret-{len(site.tokens)}"
         site.tokens[key] = {"id": f"k{len(site.tokens)}", **body, "created": time()}
         site.tokens[key]["last_used"] = None
-        return {"id": site.tokens[key]["id"], "token": key}
+        return {"name": body["name"], "role": body["role"], "token": key}
 
     def drop_token(request: Any) -> Any:
         for key, held in list(site.tokens.items()):
@@ -192,17 +193,22 @@ def application(site: CannedSite, *, tokens: bool) -> Any:
 
         return StreamingResponse(stream(), media_type="text/event-stream")
 
+    def whole(file: Path, headers: dict[str, str]) -> Any:
+        # At once: a browser that goes away leaves no open file.
+        kind = mimetypes.guess_type(file.name)[0]
+        return Response(file.read_bytes(), headers=headers, media_type=kind)
+
     async def static(request: Any) -> Any:
         name = request.path_params.get("file", "index.html")
         file = PAGE / name
         if not file.is_file():
             return told(404, f"no file {name}")
         headers = {"Content-Security-Policy": CSP, "Cache-Control": "no-cache"}
-        return FileResponse(file, headers=headers)
+        return whole(file, headers)
 
     async def library(request: Any) -> Any:
         file = plotly_file()
-        return told(404, "no plotly") if file is None else FileResponse(file)
+        return told(404, "no plotly") if file is None else whole(file, {})
 
     def file(request: Any) -> Any:
         return Response(f"{request.path_params['file']} of {net(request).name}")
@@ -210,8 +216,8 @@ def application(site: CannedSite, *, tokens: bool) -> Any:
     n = "networks/{network}"
     routes = [
         Route("/", static),
+        Route("/page/plotly.min.js", library),
         Route("/page/{file}", static),
-        Route("/plotly.min.js", library),
         Route("/api/v1/session", session, methods=["POST", "DELETE"]),
         route(
             "site",

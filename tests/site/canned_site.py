@@ -311,7 +311,7 @@ class CannedSite:
             point["sigma_x_mm"] *= 0.98
             points = [{k: point[k] for k in point if k != "ellipse"}]
         answer = {"line": self.number, "ok": True, **row, "points": points, "entered": []}
-        self.tell("arrival", network, epoch=11, answer=answer | {"counts": net.counts()})
+        self.tell("arrival", network, epoch=11, do="add", **without(answer), counts=net.counts())
         return row
 
     def raise_alarm(self, rule: str = "crest", **more: Any) -> Record:
@@ -348,7 +348,7 @@ class CannedSite:
         near = sorted(net.points, key=lambda p: math.dist(at, [p[a] for a in AXES]))[:12]
         net.photos.append(photo(name, *at, [p["name"] for p in near]))
         answer = {"ok": True, "do": "add", "verdicts": [], "entered": [], "points": []}
-        self.tell("arrival", network, answer=answer | {"counts": net.counts()})
+        self.tell("arrival", network, epoch=1, **answer, counts=net.counts())
 
     # -- commands ---------------------------------------------------------------------------------
 
@@ -363,7 +363,8 @@ class CannedSite:
             return {"ok": True, **row}
         answer = self._command(net, do, posting)
         answer |= {"ok": True, "do": do, "points": [], "entered": [], "counts": net.counts()}
-        self.tell("arrival", network, epoch=11, by=by, answer=answer)
+        ids = posting.get("ids", [posting.get("id")])
+        self.tell("arrival", network, by=by, ids=ids, epoch=11, **answer)
         if name:
             self.requests[name] = answer
         return answer
@@ -382,9 +383,7 @@ class CannedSite:
             for row in rows:
                 row["state"] = "rejected" if do == "discard" else "gone"
                 row["cause"] = f"{do} by command"
-            if do == "discard":
-                return {"verdicts": [r | {"verdict": "rejected"} for r in rows]}
-            return {"verdicts": [], "gone": ids}
+            return {"verdicts": []} if do == "remove" else {}
         if do == "reweight":
             if not posting["factor"] > 0:
                 raise Refused("the factor must be positive", do)
@@ -396,7 +395,7 @@ class CannedSite:
             new = verdict_row(self.draw, f"{posting['id']}b", "accepted", *rows[0]["points"])
             new["record"] = posting["observation"]
             net.observations[new["id"]] = new
-            return {"verdicts": [new], "gone": ids}
+            return {"verdicts": [new]}
         raise Refused(f"unknown command {do}", "do")
 
     def close_epoch(self, network: str) -> None:
@@ -459,6 +458,11 @@ class CannedSite:
         alarms = [a for a in self.alarms if name in a["points"]]
         told = [{"id": a["id"], "rule": a["rule"], "time": a["since"], "text": ""} for a in alarms]
         return out | {"motion": motion, "alarms": told}
+
+
+def without(answer: Record) -> Record:
+    """Return an answer without what the event has anyway."""
+    return {k: v for k, v in answer.items() if k not in ("epoch", "at")}
 
 
 def instrument(name: str, network: str, state: str, last: float) -> Record:

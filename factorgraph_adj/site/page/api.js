@@ -60,7 +60,7 @@ export async function command(network, fields) {
 let library;
 export const plotly = () => (library ??= new Promise((resolve, reject) => {
   const script = document.createElement("script");
-  script.src = new URL("plotly.min.js", document.baseURI).href;
+  script.src = new URL("page/plotly.min.js", document.baseURI).href;
   script.onload = () => resolve(window.Plotly);
   script.onerror = () => { library = undefined; reject(new Error("plotly.min.js")); };
   document.head.append(script);

@@ -11,7 +11,6 @@ const FILES = [["report.html", "file_report"], ["results.json", "file_results"],
 export function downloads(root, _, signal) {
   root.append(h("ul", { class: "cards" }, FILES.map(([file, text]) => h("li", { class: "card" },
     h("a", { href: address(here(file)), download: `${context.network}-${file}` }, file), h("p", { class: "note" }, t(text))))),
-  h("p", {}, h("a", { href: address(here("report.html")), target: "_blank", rel: "noopener" }, t("open_report"))),
   h("p", { class: "note" }, t("api_told"), " ", h("a", { href: address("openapi.json") }, "openapi.json")));
   if (may("admin")) tokens(root, signal);
 }

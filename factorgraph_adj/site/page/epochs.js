@@ -68,7 +68,8 @@ function epoch(root, number, signal) {
   const box = part(null);
   root.append(h("p", { class: "row" }, h("a", { href: link("epochs") }, `‹ ${t("view_epochs")}`)), box.node);
   let table = null;
-  watch(here(`epochs/${encodeURIComponent(number)}`), (r) => box.show(r, (e) => {
+  watch(here(`epochs/${encodeURIComponent(number)}`), (r) => box.show(r, (row) => {
+    const e = { ...row.result, ...row };
     const c = e.congruence, rows = e.displacements ?? [], blocks = e.blocks ?? [];
     const head = h("div", {},
       h("p", {}, outcome(e)),

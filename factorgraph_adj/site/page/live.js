@@ -4,6 +4,8 @@ import { address, read } from "./api.js";
 
 const EVENTS = ["arrival", "refused", "epoch", "alarm", "instrument", "hello", "beat"];
 const MOST_LOGGED = 500;
+// States of the observations that a command names; verdicts in its answer tell more.
+const AFTER = { accept: "accepted", discard: "rejected", remove: "gone", replace: "gone" };
 const FIRST_PAUSE = 1000, LONGEST_PAUSE = 15000;
 
 const bus = new EventTarget();
@@ -113,9 +115,9 @@ function take(entry, fresh) {
   if (context.log.length > MOST_LOGGED) context.log.splice(0, context.log.length - MOST_LOGGED);
   const answer = answerOf(entry.data);
   if (entry.event === "arrival") {
+    for (const id of entry.data.ids ?? []) if (AFTER[answer.do]) context.states.set(id, AFTER[answer.do]);
     for (const v of verdictsOf(answer)) context.states.set(v.id, v.verdict);
     for (const id of answer.waits_again ?? []) context.states.set(id, "waiting");
-    for (const id of answer.gone ?? []) context.states.set(id, "gone");
     if (fresh && answer.counts) context.counts = answer.counts;
     if (fresh) patchPoints(answer);
   }

@@ -6,6 +6,10 @@ import { t } from "./language.js";
 const COLOURS = ["page", "ink", "soft", "point", "held", "ellipse", "photo", "sight", "sight2", "doubt", "aside", "moved", "selected", "line", "amber"];
 const CHEAP = 12; // ms that a frame may take to be drawn while the plan moves
 const MOST_LABELS = 400, NEAR = 16;
+const MOST_SIGHTS = 5000; // lines in the window; of more that fit or are untested, an even choice is drawn
+const BATCH = 400; // shapes of one path: long paths are slow to fill and stroke
+const LEAST_ELLIPSE = 2.5; // pixels; smaller ones say nothing
+const AROUND = 28;
 const NICE = [1, 2, 5];
 
 // Classes of sights by |w|; each has a width and a dash of its own besides its colour.
@@ -30,8 +34,8 @@ const lengthText = (metres) =>
     : metres >= 1e-3 ? `${+(metres * 1000).toPrecision(3)} mm` : `${+(metres * 1e6).toPrecision(3)} µm`;
 
 export class Plan {
-  constructor(canvas, { chosen = () => {}, hovered = () => {} } = {}) {
-    Object.assign(this, { canvas, onChosen: chosen, onHovered: hovered, k: 1, cx: 0, cy: 0, factor: 1 });
+  constructor(canvas, { chosen = () => {}, hovered = () => {}, drawn = () => {} } = {}) {
+    Object.assign(this, { canvas, onChosen: chosen, onHovered: hovered, onDrawn: drawn, k: 1, cx: 0, cy: 0, factor: 1 });
     this.g = canvas.getContext("2d");
     this.points = { names: [], x: new Float64Array(0), y: new Float64Array(0), a: [], b: [], turn: [], look: [], index: new Map() };
     this.sights = SIGHTS.map(() => new Int32Array(0));
@@ -113,7 +117,10 @@ export class Plan {
     const sizes = [...this.points.a].filter((a) => a > 0).sort((a, b) => a - b);
     if (!sizes.length) return 1000;
     const middle = sizes[Math.floor(sizes.length * 0.7)];
-    return Math.max(niceBelow(26 / (this.k * middle)), 1);
+    // Of many points, ellipses stay smaller than the distance to the next.
+    const [low, high] = this.limits(), area = (high[0] - low[0]) * (high[1] - low[1]);
+    const apart = area > 0 ? 0.55 * this.k * Math.sqrt(area / this.points.names.length) : Infinity;
+    return Math.max(niceBelow(Math.min(26, apart) / (this.k * middle)), 1);
   }
 
   // -- window -----------------------------------------------------------------------------------
@@ -312,28 +319,36 @@ export class Plan {
     this.frames.push(took);
     if (this.frames.length > 600) this.frames.splice(0, 300);
     this.canvas.dataset.drawn = String(this.points.names.length);
+    this.onDrawn();
   }
 
   inside(u, v, margin) { return u > -margin && v > -margin && u < this.w + margin && v < this.h + margin; }
 
   drawSights() {
-    const g = this.g;
-    [0, 3, 4, 1, 2].forEach((look) => {
-      const ends = this.sights[look], style = SIGHTS[look];
-      if (!ends.length) return;
-      const few = ends.length < 4000;
-      g.strokeStyle = this.c[style.colour];
-      g.lineWidth = few ? style.width : Math.min(style.width, 0.7) + (look === 2 ? 1.5 : 0);
-      g.setLineDash(few ? style.dash : []);
-      g.beginPath();
+    const g = this.g, { w, h } = this, inside = this.sights.map((ends) => {
+      const xy = new Float64Array(2 * ends.length);
+      let n = 0;
       for (let s = 0; s < ends.length; s += 2) {
         const [u, v] = this.toScreen(...this.at(ends[s])), [p, q] = this.toScreen(...this.at(ends[s + 1]));
-        if (Math.max(u, p) < 0 || Math.max(v, q) < 0 || Math.min(u, p) > this.w || Math.min(v, q) > this.h) continue;
-        g.moveTo(u, v);
-        g.lineTo(p, q);
+        if ((u < 0 && p < 0) || (v < 0 && q < 0) || (u > w && p > w) || (v > h && q > h)) continue;
+        xy[n++] = u; xy[n++] = v; xy[n++] = p; xy[n++] = q;
       }
-      g.stroke();
+      return xy.subarray(0, n);
     });
+    const ordinary = (inside[0].length + inside[3].length) / 4, step = Math.max(Math.ceil(ordinary / MOST_SIGHTS), 1);
+    this.thinned = step > 1 ? { n: ordinary, shown: Math.round(ordinary / step) } : null;
+    for (const look of [0, 3, 4, 1, 2]) {
+      const xy = inside[look], style = SIGHTS[look], few = xy.length < 8000, by = look === 0 || look === 3 ? 4 * step : 4;
+      if (!xy.length) continue;
+      g.strokeStyle = this.c[style.colour];
+      g.lineWidth = few ? style.width : Math.min(style.width, 0.8) + (look === 2 ? 1.5 : 0);
+      g.setLineDash(few ? style.dash : []);
+      for (let s = 0; s < xy.length;) {
+        g.beginPath();
+        for (const end = Math.min(s + BATCH * by, xy.length); s < end; s += by) { g.moveTo(xy[s], xy[s + 1]); g.lineTo(xy[s + 2], xy[s + 3]); }
+        g.stroke();
+      }
+    }
     g.setLineDash([]);
   }
 
@@ -341,33 +356,40 @@ export class Plan {
     const g = this.g, { x, y, a, b, turn } = this.points, f = this.factor * this.k;
     g.strokeStyle = this.c.ellipse;
     g.lineWidth = 1.4;
+    let n = 0;
     g.beginPath();
     for (let i = 0; i < x.length; i++) {
       const long = a[i] * f;
-      if (!(long > 1.5)) continue;
+      if (!(long > LEAST_ELLIPSE)) continue;
       const [u, v] = this.toScreen(x[i], y[i]);
       if (!this.inside(u, v, long)) continue;
       // Clockwise from y (up) on paper is the same turn on the screen, counted from its x axis.
-      const angle = turn[i] - Math.PI / 2;
-      g.moveTo(u + long * Math.cos(angle), v + long * Math.sin(angle));
-      g.ellipse(u, v, long, Math.max(b[i] * f, 0.4), angle, 0, 2 * Math.PI);
+      const angle = turn[i] - Math.PI / 2, c = Math.cos(angle), s = Math.sin(angle), short = Math.max(b[i] * f, 0.4);
+      const around = long < 8 ? 12 : long < 60 ? AROUND : 3 * AROUND;
+      for (let k = 0; k < around; k++) {
+        const t_ = (2 * Math.PI * k) / around, p = long * Math.cos(t_), q = short * Math.sin(t_);
+        if (k) g.lineTo(u + p * c - q * s, v + p * s + q * c); else g.moveTo(u + p * c - q * s, v + p * s + q * c);
+      }
+      g.closePath();
+      if (++n % BATCH === 0) { g.stroke(); g.beginPath(); }
     }
     g.stroke();
   }
 
   drawPoints() {
     const g = this.g, { x, y, look } = this.points, many = x.length > 3000, r = many ? 1.6 : 3.2;
-    const paths = { object: new Path2D(), reference: new Path2D(), fixed: new Path2D() };
+    const small = [], paths = { object: new Path2D(), reference: new Path2D(), fixed: new Path2D() };
     for (let i = 0; i < x.length; i++) {
       const [u, v] = this.toScreen(x[i], y[i]);
       if (!this.inside(u, v, 8)) continue;
       const path = paths[look[i]] ?? paths.object;
       if (look[i] === "fixed") { path.moveTo(u, v - 7); path.lineTo(u + 6.5, v + 5); path.lineTo(u - 6.5, v + 5); path.closePath(); }
       else if (look[i] === "reference") path.rect(u - 4, v - 4, 8, 8);
-      else if (many) path.rect(u - r, v - r, 2 * r, 2 * r);
+      else if (many) small.push(u - r, v - r);
       else { path.moveTo(u + r, v); path.arc(u, v, r, 0, 2 * Math.PI); }
     }
     g.fillStyle = this.c.point; g.fill(paths.object);
+    for (let k = 0; k < small.length; k += 2) g.fillRect(small[k], small[k + 1], 2 * r, 2 * r);
     g.lineWidth = 1.8; g.strokeStyle = this.c.held; g.fillStyle = this.c.page;
     g.fill(paths.reference); g.stroke(paths.reference);
     g.fillStyle = this.c.held; g.fill(paths.fixed);

@@ -42,7 +42,7 @@ function drawPlan(root, bar, first, signal) {
   const told = h("div", { class: "told" }), card = h("div", { class: "chosen", role: "status" });
   const notice = part(null);
   let points = [];
-  const plan = new Plan(canvas, { chosen: describe, hovered: (name) => { if (told.dataset.name !== (name ?? "")) { told.dataset.name = name ?? ""; told.textContent = name ? hover(name) : ""; } } });
+  const plan = new Plan(canvas, { chosen: describe, hovered: (name) => { if (told.dataset.name !== (name ?? "")) { told.dataset.name = name ?? ""; tell(); } }, drawn: () => tell() });
   const scale = (up) => { plan.factor = niceBelow(plan.factor * (up ? 2.5 : 0.5)); plan.redraw(); };
   const box = h("div", { class: "planbox" }, canvas, told, card, h("div", { class: "zoom" },
     button("+", () => plan.zoom(1.5), { class: "icon", "aria-label": t("zoom_in"), title: t("zoom_in") }),
@@ -66,6 +66,12 @@ function drawPlan(root, bar, first, signal) {
   root.insertBefore(settings, box.nextSibling);
   if (innerWidth >= 960) root.insertBefore(settings, box);
 
+  // The point under the pointer, otherwise what is left out of the drawing.
+  function tell() {
+    const { name } = told.dataset, { thinned } = plan;
+    const text = name ? hover(name) : thinned && plan.shown.sights ? t("plan_thinned", thinned) : plan.points.names.length || !points.length ? "" : t("plan_none");
+    if (told.textContent !== text) told.textContent = text;
+  }
   function hover(name) {
     const p = points.find((r) => r.name === name);
     return p ? `${name}  ${fixedText(p)}${isNumber(metres(p.ellipse ?? {}, "a")) ? `  ${mm(metres(p.ellipse, "a"))} / ${mm(metres(p.ellipse, "b"))}` : ""}` : name;
@@ -85,7 +91,7 @@ function drawPlan(root, bar, first, signal) {
     points = found;
     const rows = planRows(found);
     plan.setPoints(rows);
-    told.textContent = rows.length ? "" : t("plan_none");
+    tell();
     canvas.setAttribute("aria-label", t("plan_label_n", { n: rows.length }));
     drawSights();
     if (first && plan.show(first)) first = null;

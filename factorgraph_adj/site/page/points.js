@@ -11,7 +11,7 @@ import { read } from "./api.js";
 import { Table } from "./table.js";
 
 const AXES = ["x", "y", "z"];
-const DAY = 86400;
+const STATES = ["suspect", "waiting", "rejected", "accepted"], MOST_OBSERVATIONS = 100;
 
 const worstSigma = (p) => Math.max(...AXES.map((a) => metres(p, `sigma_${a}`)).filter(isNumber), -1);
 const stateOf = (p) => (p.fixed ? "fixed" : p.determined === false || !isNumber(p.x) && !isNumber(p.z) ? "undetermined" : p.object === false ? "reference" : "object");
@@ -84,11 +84,13 @@ function point(root, name, signal) {
 
   watch(here(`next-sights?target=${encodeURIComponent(name)}&most=5`), (r) => next.show(r, (found) => drawNext(next.body, found)), { events: ["arrival"], least: 3000, signal });
 
-  watch(here(`observations?point=${encodeURIComponent(name)}&limit=200`), (r) => seen.show(r, (found) => {
-    const rows = found.rows ?? found;
+  const lists = new Map();
+  for (const state of STATES) watch(here(`observations?state=${state}&point=${encodeURIComponent(name)}&limit=${MOST_OBSERVATIONS}`), (r) => seen.show(r, (found) => {
+    lists.set(state, found);
     if (seen.body.contains(document.activeElement)) return;
-    fill(seen.body, rows.length ? h("ol", { class: "verdicts" }, rows.map((o) => observationItem({ ...o, verdict: o.state }, { at: o.at }).node)) : h("p", { class: "note" }, t("no_observations")),
-      found.next ? h("p", { class: "note" }, t("listed", { shown: rows.length, n: "…" })) : null);
+    const parts = STATES.map((s) => lists.get(s)).filter(Boolean), rows = parts.flatMap((p) => p.rows), n = parts.reduce((sum, p) => sum + (p.total ?? p.rows.length), 0);
+    fill(seen.body, n > rows.length ? h("p", { class: "note" }, t("listed", { shown: rows.length, n })) : null,
+      rows.length ? h("ol", { class: "verdicts" }, rows.map((o) => observationItem({ ...o, verdict: o.state }, { at: o.at }).node)) : h("p", { class: "note" }, t("no_observations")));
   }), { events: ["arrival"], least: 1000, signal });
 }
 

@@ -78,7 +78,7 @@ function live(panel, signal) {
         items.unshift(item);
       }
       if (!told.length && answer.do) {
-        const ids = answer.gone ?? answer.ids ?? [];
+        const ids = entry.data.ids ?? [];
         const node = h("li", { class: "plain", "data-verdict": "command" }, h("div", { class: "head" }, pill("plain", t("command")), h("strong", { lang: "en" }, answer.do), h("span", { class: "note" }, by ?? "")), ids.length ? h("div", { class: "why" }, ids.join(", ")) : null);
         box.prepend(node);
         items.unshift({ node, become() {}, id: null });
