@@ -59,9 +59,11 @@ class GrammarRecord:
 GRAMMAR_MODULES = {
     "gsi-online": "gsi_online",
     "geocom": "geocom",
+    "gsi-level": "gsi_level_online",
     "nmea": "nmea",
     "ros": "ros_bags",
     "sensor-lines": "sensor_lines",
+    "sokkia-set": "sokkia_set",
 }
 """Module of each grammar by its word."""
 _REGISTERED: dict[str, GrammarRecord] = {}

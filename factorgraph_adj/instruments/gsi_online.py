@@ -46,7 +46,7 @@ class GsiOnline:
         """Return the readings of a line."""
         book = ReadingBook(line)
         source = book.source
-        for block in blocks_of_line(source, 0, line.decoded()):
+        for block in blocks_of_line(source, 0, line.decoded(), whole=True):
             stamped = _stamp(block)
             index, word = block.words[0]
             number = word[:4].strip(".")

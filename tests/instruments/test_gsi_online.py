@@ -145,6 +145,7 @@ def test_gsi_16_time_number_and_ppm_are_read():
     [
         ("%R1P,0,0:0", "not a word of GSI"),
         ("11....+0000000A 21.322+1234x678 ", "whole number"),
+        ("11....+0000000A 21.322+123456", "not a word of GSI"),  # the end of the line is lost
         ("11....+0000000A 21.327+12345678 ", "unit"),
         ("11....+0000000A 332...+00123456 ", "staff"),
         ("21.322+12345678 ", "must begin with word 11 or 41"),

@@ -38,6 +38,9 @@ REPEATED_BACKSIGHTS = LeftOutReason(
     "circle readings of backsights", "sights of their set-ups have the directions"
 )
 
+DEFAULT_SETUP_M = 60.0
+"""Length of line, metres, that a set-up of a level without lengths of sights counts as."""
+
 
 def name_list(given: str | Iterable[str]) -> tuple[str, ...]:
     """Return names; those in a text are separated by commas."""
@@ -321,8 +324,8 @@ class FieldBook:
         known_length = length if length > 0 else None
         sigma = self.accuracies.levelling()
         if known_length is None:
-            # Without lengths of sights a set-up counts as 60 m of line.
-            sigma = StandardDeviation(sigma.per_sqrt_km * math.sqrt(0.06))
+            length_of_setup = DEFAULT_SETUP_M / LENGTH["km"]
+            sigma = StandardDeviation(sigma.per_sqrt_km * math.sqrt(length_of_setup))
         found = self.source.attempt(
             line,
             lambda: HeightDifference(

@@ -70,8 +70,18 @@ def gsi_blocks(source: TextSource) -> Iterator[GsiBlock]:
         yield from blocks_of_line(source, line, text)
 
 
-def blocks_of_line(source: Source, line: int, text: str) -> Iterator[GsiBlock]:
-    """Iterate over the blocks of a line; what is not GSI is noted as a problem."""
+def blocks_of_line(
+    source: Source, line: int, text: str, *, whole: bool = False
+) -> Iterator[GsiBlock]:
+    """Iterate over the blocks of a line; what is not GSI is noted as a problem.
+
+    Args:
+        source: the file.
+        line: number of the line.
+        text: the line.
+        whole: whether the last word must have all characters, as one that an instrument sends has;
+            in files the last word may be shorter.
+    """
     block: GsiBlock | None = None
     rest = text.strip("\x1a\x00").lstrip()
     size = 16 if rest.startswith("*") else 8
@@ -79,7 +89,7 @@ def blocks_of_line(source: Source, line: int, text: str) -> Iterator[GsiBlock]:
     while rest.strip():
         word, rest = rest[: 7 + size], rest[7 + size :].removeprefix(" ")
         match = GSI_WORD_PATTERN.fullmatch(word)
-        if match is None or (rest and len(word) < 7 + size):
+        if match is None or ((rest or whole) and len(word) < 7 + size):
             what = f"{word[:24]!r} is not a word of GSI: two digits, four characters, a sign"
             source.wrong(line, f"{what} and {size} characters, such as 21.322+16901313")
             break

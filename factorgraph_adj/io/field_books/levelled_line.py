@@ -91,6 +91,10 @@ class LevelledLine:
             len(s.heights) >= self.needed for s in self.sights.values()
         )
 
+    def note_complete(self) -> None:
+        """Note the height difference of the set-up, if it has all readings."""
+        self._note()
+
     def take_back(self, *, setup: bool) -> bool:
         """Take back the last reading, or all of the set-up; return whether there was any."""
         if self.noted or not self.order:

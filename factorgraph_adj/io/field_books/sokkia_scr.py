@@ -157,6 +157,11 @@ def read_sokkia_scr(
     return reader.book.network()
 
 
+def records_of_line(book: FieldBook, line: int, text: str) -> None:
+    """Note what one record says, see `read_sokkia_scr`; its coordinates have north first."""
+    _Reader(book, east_first=False).read(line, text)
+
+
 def check_sums(text: str) -> tuple[str, str]:
     """Return the check sums of the characters before it: two's complement of the sum, the sum.
 
