@@ -22,8 +22,7 @@ import copy
 from collections.abc import Sequence
 
 from ..errors import InputError
-from ..io.field_books.accuracies import Accuracies
-from ..io.field_books.field_book import DEFAULT_SETUP_M
+from ..io.field_books.accuracies import DEFAULT_SETUP_M, Accuracies
 from ..io.field_books.gsi_level import TURNING_POINT, GsiLevel
 from ..io.field_books.gsi_words import blocks_of_line, read_text
 from .grammars import GrammarRecord

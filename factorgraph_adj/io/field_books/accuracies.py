@@ -24,6 +24,8 @@ DEFAULT_CENTRING_MM = 1.0
 """Default σ of the centring of instrument and of target, millimetres: tribrach and tripod."""
 DEFAULT_LEVELLING_MM = 1.0
 """Default σ of one kilometre of levelled line, millimetres."""
+DEFAULT_SETUP_M = 60.0
+"""Length of line that a set-up of a level without lengths of sights counts as, metres."""
 DEFAULT_REFRACTION = 0.13
 """Default coefficient of refraction k (Gauss)."""
 STATED_SIGMAS = ("sigma_direction_mgon", "sigma_zenith_mgon", "sigma_distance_mm")

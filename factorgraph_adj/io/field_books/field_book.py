@@ -28,7 +28,7 @@ from ...stochastic_model import StandardDeviation
 from ...units import LENGTH
 from ..format_options import option_text
 from ..source import LeftOutReason, Source
-from .accuracies import NO_SIGMAS, Accuracies, StatedSigmas, root_mean_square
+from .accuracies import DEFAULT_SETUP_M, NO_SIGMAS, Accuracies, StatedSigmas, root_mean_square
 from .stated_coordinates import UNKNOWN_COORDINATES, StatedCoordinates
 from .unnamed_station import WITHOUT_STATION, UnnamedSights
 
@@ -37,9 +37,6 @@ OWN_TARGETS = LeftOutReason("sights", "their target has the name of the station"
 REPEATED_BACKSIGHTS = LeftOutReason(
     "circle readings of backsights", "sights of their set-ups have the directions"
 )
-
-DEFAULT_SETUP_M = 60.0
-"""Length of line, metres, that a set-up of a level without lengths of sights counts as."""
 
 
 def name_list(given: str | Iterable[str]) -> tuple[str, ...]:
