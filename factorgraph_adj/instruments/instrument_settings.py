@@ -10,7 +10,8 @@
     post = "sets"                      # or "sights": every sight at once
     targets = ["D1", "D2"]             # a set ends when these are read in all faces
     faces = 2                          # faces of a target in a set
-    set_pause = "10 min"               # pause that ends a set, whatever it lacks
+    readings = 1                       # readings of a target in each face, one after the other
+    set_pause = "5 min"                # pause that ends a set, whatever it lacks
     distance_meter = "edm"             # name in the network of scale and zero of distances
     refraction = "ts1"                 # name in the network of the coefficient of refraction
     only_targets = false               # true: sights of other targets are left out
@@ -61,6 +62,8 @@ ClockChoice = Literal["instrument", "receipt", "stated"]
 PostChoice = Literal["sets", "sights"]
 DURATION_UNITS = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 """Seconds of the units of durations."""
+MAX_READINGS = 20
+"""Largest number of readings of a target in each face of a set."""
 MAX_DURATION_S = 400 * 86400.0
 DEFAULT = "default"
 """Key of [instrument.prisms] and [instrument.target_heights] for all other targets."""
@@ -99,7 +102,8 @@ class InstrumentSettings:
     targets: tuple[str, ...] = ()
     only_targets: bool = False
     faces: int = 2
-    set_pause: float = 600.0
+    readings: int = 1
+    set_pause: float = 300.0
     distance_meter: str | None = None
     refraction: str | None = None
     clock: ClockChoice = "instrument"
@@ -210,6 +214,10 @@ def _instrument(
         out["faces"] = faces
         if isinstance(faces, bool) or faces not in (1, 2):
             row.wrong(f"faces must be 1 or 2, not {faces!r}")
+    if (readings := row.take("readings")) is not None:
+        out["readings"] = readings
+        if isinstance(readings, bool) or readings not in range(1, MAX_READINGS + 1):
+            row.wrong(f"readings must be a whole number from 1 to {MAX_READINGS}, not {readings!r}")
     for name in DURATIONS:
         if (text := row.take(name)) is not None:
             try:

@@ -1,21 +1,24 @@
 """Sets of sights in two faces, formed while they come, and their observations.
 
 Readings of a set-up are gathered and reduced by a `FieldBook`, as those of a file are: the same
-rounds, means of faces, index and collimation errors, doubts and standard deviations. A round is
-posted as one set
+rounds, means of faces, index and collimation errors, doubts and standard deviations. A target that
+is read again in a face begins another round, ``readings`` rounds are one pass, and each round of a
+pass is posted as a set of its own when the pass ends, which is
 
-- when each of ``targets`` was read in all faces;
-- without ``targets``, when a later reading begins another round and every target of this one was
-  read in all faces, or begins the round after that;
+- when each of ``targets`` was read in all faces of all its rounds;
+- when its first sight is repeated once more, or more than half of its targets are read once more:
+  the next pass has begun, and what this one lacks does not come, such as the second face of a prism
+  that was hidden;
 - when nothing was read for ``set_pause``, the instrument moves to another station, or its lines
   end.
 
-A target that is read afterwards belongs to a later set. With ``post = "sights"`` each sight is
-reduced and posted alone, with the orientation unknown of its set-up.
+With ``post = "sights"`` each sight is reduced and posted alone, with the orientation unknown of its
+set-up.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -44,6 +47,8 @@ class ReadingSet:
     lines: list[ReceivedLine] = field(default_factory=list)
     faces: dict[str, int] = field(default_factory=dict)
     """Number of sights by target."""
+    first_sight: tuple[str, int] = ("", 0)
+    """Target and face of its first sight."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +78,8 @@ class SetFormation:
         """First sight of the set-up, which names its sets where each sight is posted alone."""
         self.sets: dict[int, ReadingSet] = {}
         """Open sets by number of their round."""
+        self._base = 0
+        """Number of the first round of the present pass."""
         self._book: FieldBook | None = None
 
     def occupy(self, station: str, height: float | None) -> Iterator[FormedSet]:
@@ -83,6 +90,7 @@ class SetFormation:
         elif height is None:
             height = self.settings.instrument_height
         self.station, self.height, self._book, self.since = station, height, None, None
+        self._base = 0
 
     def set_height(self, height: float) -> None:
         """Give the height of the instrument.
@@ -124,14 +132,18 @@ class SetFormation:
             raise
         if number is None:
             number = max(self.sets, default=book.current.taken if book.current else 0)
-        of = self.sets.setdefault(number, ReadingSet(time, sight.stamped, time))
+        face = sight.face or (2 if sight.zenith is not None and sight.zenith > math.pi else 1)
+        aimed = (sight.target, face)
+        of = self.sets.get(number)
+        if of is None:
+            of = ReadingSet(time, sight.stamped, time, first_sight=aimed)
+            self.sets[number] = of
         of.last = max(of.last, time)
         if not of.lines or of.lines[-1] is not line:
             of.lines.append(line)
         of.faces[sight.target] = of.faces.get(sight.target, 0) + 1
-        for n in sorted(self.sets):
-            if self._is_complete(n):
-                yield from self._take(n)
+        while self.sets and self._has_ended(number, aimed):
+            yield from self._take_pass()
 
     def pause(self, now: float) -> Iterator[FormedSet]:
         """Yield the sets that a pause ends; ``now``: seconds since 1970 UTC."""
@@ -173,17 +185,43 @@ class SetFormation:
     def _forget(self) -> None:
         """Begin another book after a problem if it has no readings of open sets."""
         if not self.sets:
-            self._book = None
+            self._book, self._base = None, 0
 
-    def _is_complete(self, number: int) -> bool:
-        """Return whether nothing more belongs to a set."""
+    @property
+    def _pass(self) -> range:
+        """Numbers of the rounds of the present pass."""
+        return range(self._base, self._base + self.settings.readings)
+
+    def _has_ended(self, number: int, aimed: tuple[str, int]) -> bool:
+        """Return whether nothing more belongs to the present pass.
+
+        Args:
+            number: round of the last sight.
+            aimed: its target and face.
+        """
         if self.settings.post == "sights":
             return True
-        faces, of = self.settings.faces, self.sets[number]
-        if self.settings.targets:
-            return all(of.faces.get(t, 0) >= faces for t in self.settings.targets)
-        later = max(self.sets) - number
-        return later > 1 or (later == 1 and all(n >= faces for n in of.faces.values()))
+        of_pass = [self.sets[n] for n in self._pass if n in self.sets]
+        targets = {t for s in of_pass for t in s.faces}
+        again = {t for n, s in self.sets.items() if n not in self._pass for t in s.faces}
+        if number not in self._pass and of_pass and aimed == of_pass[0].first_sight:
+            return True
+        if 2 * len(again) > len(targets):
+            return True
+        stated, faces = self.settings.targets, self.settings.faces
+        whole = len(of_pass) == self.settings.readings
+        return (
+            whole
+            and bool(stated)
+            and all(s.faces.get(t, 0) >= faces for s in of_pass for t in stated)
+        )
+
+    def _take_pass(self) -> Iterator[FormedSet]:
+        """Yield the sets of the present pass, and begin the next one."""
+        numbers = [n for n in self._pass if n in self.sets]
+        self._base += self.settings.readings
+        for n in numbers:
+            yield from self._take(n)
 
     def _take(self, number: int) -> Iterator[FormedSet]:
         """Yield the observations of a set, and end it with those before."""
@@ -197,7 +235,7 @@ class SetFormation:
             self._raise()
         finally:
             if not self.sets:
-                self._book = None  # rounds begin anew, and memory does not grow
+                self._book, self._base = None, 0  # memory does not grow
         found = [*others, *(reduced.observations if reduced is not None else ())]
         begin = of.first if of.stamped is None else of.stamped
         if self.settings.post == "sights" and self.since is not None:

@@ -21,7 +21,12 @@ from threading import Event, RLock, Thread
 import numpy as np
 
 from ..errors import InputError, Problem, known
-from ..io.field_books.accuracies import Accuracies
+from ..io.field_books.accuracies import (
+    DEFAULT_DIRECTION_MGON,
+    DEFAULT_DISTANCE_MM,
+    DEFAULT_ZENITH_MGON,
+    Accuracies,
+)
 from ..network.network import Network
 from ..observations import Direction, SlopeDistance, ZenithAngle
 from ..simulation.measurement import measure
@@ -104,6 +109,18 @@ class SimulatedObject:
         }
 
 
+def _distance_sigmas(constant: float, growing: float) -> tuple[float, float]:
+    """Return σ of what is of one face in a distance, and of what both faces share.
+
+    A reading has σ = a + b, with the constant a and the growing part b; the mean of two faces has
+    a/√2 + b, as b is shared (`factorgraph_adj.reduce_faces`). Both follow from
+    own² = 2 (a + b)² − 2 (a/√2 + b)² and shared² = (a + b)² − own².
+    """
+    single, mean = (constant + growing) ** 2, (constant / math.sqrt(2.0) + growing) ** 2
+    own = 2.0 * (single - mean)
+    return math.sqrt(own), math.sqrt(max(single - own, 0.0))
+
+
 @dataclass(frozen=True)
 class SimulatedLine:
     """A line, and when it was measured."""
@@ -170,6 +187,8 @@ class SimulatedTotalStation:
             0.0, (INDEX_SIGMA, COLLIMATION_SIGMA)
         ).tolist()
         self._block = 0
+        self._of_set: dict[str, float] = {}
+        """What both distances of a target in a set share, in its standard deviations."""
         self._true: tuple[object, dict[str, tuple[float, float, float]]] = (None, {})
         self.now = self.begin
 
@@ -202,6 +221,8 @@ class SimulatedTotalStation:
         while True:
             start = self.begin + number * self.interval
             number += 1
+            drawn = self._random.standard_normal(len(self.targets))
+            self._of_set = dict(zip(self.targets, drawn.tolist(), strict=True))
             order = [(t, 1) for t in self.targets] + [(t, 2) for t in reversed(self.targets)]
             for i, (target, face) in enumerate(order):
                 time = start + i * self.sight_time
@@ -239,17 +260,20 @@ class SimulatedTotalStation:
         read = target if wrong is None else str(wrong.values["read"])
         hz, z, s = self._true_readings(start, time)[read]
         a, noise = self.accuracies, self._random.standard_normal(3)
+        own, shared = _distance_sigmas(
+            (a.sigma_distance_mm or DEFAULT_DISTANCE_MM) * LENGTH["mm"], 1e-6 * a.ppm * s
+        )
         constant = (
-            (a.sigma_direction_mgon or 1.0) * ANGLE["mgon"],
-            (a.sigma_zenith_mgon or 1.0) * ANGLE["mgon"],
-            (a.sigma_distance_mm or 2.0) * LENGTH["mm"] + 1e-6 * a.ppm * s,
+            (a.sigma_direction_mgon or DEFAULT_DIRECTION_MGON) * ANGLE["mgon"],
+            (a.sigma_zenith_mgon or DEFAULT_ZENITH_MGON) * ANGLE["mgon"],
+            own,
         )
         second = face == 2
         values = {
             "direction": hz + (self.collimation if second else -self.collimation) / math.sin(z)
             + math.pi * second,
             "zenith": (2 * math.pi - z if second else z) + self.index,
-            "distance": s,
+            "distance": s + shared * self._of_set[target],
         }  # fmt: skip
         for (name, value), sigma, n in zip(values.items(), constant, noise, strict=True):
             values[name] = value + sigma * float(n)

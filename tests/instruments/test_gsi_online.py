@@ -183,3 +183,49 @@ def test_real_files_come_as_streams_with_the_observations_of_the_reader(name, ke
     stream = Counter(repr(sorted(compared(o).items())) for o in found)
     assert stream - file == Counter()
     assert (file - stream).total() == 3 * doubled
+
+
+def per_target(lines):
+    """Return the sights of a set in the order A1 A2 B1 B2 …."""
+    n = len(lines) // 2
+    return [line for i in range(n) for line in (lines[i], lines[2 * n - 1 - i])]
+
+
+@pytest.mark.parametrize("order", [list, per_target])
+@pytest.mark.parametrize("hidden, pause", [(0, 400.0), *((i, 10.0) for i in range(1, 6))])
+@pytest.mark.parametrize("named", [True, False])
+def test_a_hidden_prism_mixes_no_faces_of_two_sets(order, hidden, pause, named):
+    """Sets after one that lacks a sight are as they are without it.
+
+    Where the first sight is hidden, the pause before the next set alone tells that its first sight
+    is another.
+    """
+    keys = {"targets": ["A", "B", "C"]} if named else {}
+    sets = [  # the orientation of each set tells it
+        order(two_faces({t: (hz + i, z, s) for t, (hz, z, s) in TARGETS.items()})) for i in range(4)
+    ]
+    lacking = [line for i, line in enumerate(sets[1]) if i != hidden]
+    of, postings, at = instrument(**keys), [], 1.79e9
+    for lines in ([BEGIN, *sets[0]], lacking, sets[2], sets[3]):
+        at += pause
+        for text in lines:
+            at += 10.0
+            postings += of.take(ReceivedLine(text.encode(), at, 1))
+    postings += of.finish()
+    assert len(postings) == 4
+    for i, posting in enumerate(postings):
+        alone = taken(instrument(**keys), [BEGIN, *(lacking if i == 1 else sets[i])])
+        found, expected = observations([posting]), observations(alone)
+        assert [compared(o) for o in found] == [compared(o) for o in expected]
+
+
+def test_repeated_readings_are_rounds_of_one_pass(tmp_path):
+    lines = [line for line in two_faces(TARGETS) for _ in range(2)]
+    lines = [BEGIN, *(f"11{n:04d}{line[6:]}" for n, line in enumerate(lines))]
+    (tmp_path / "book.gsi").write_text("\n".join(lines) + "\n")
+    network = fga.read(tmp_path / "book.gsi")
+    of = instrument(targets=["A", "B", "C"], readings=2)
+    postings = taken(of, lines)
+    assert len(postings) == 2
+    found = observations(postings)
+    assert [compared(o) for o in found] == [compared(o) for o in network.observations.values()]

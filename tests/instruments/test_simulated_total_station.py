@@ -17,6 +17,7 @@ from factorgraph_adj.instruments.simulated_total_station import (
     SimulatedObject,
     SimulatedTotalStation,
 )
+from factorgraph_adj.io.observation_records import observation_from_record
 from factorgraph_adj.service.stream import Stream
 
 BEGIN = 1_790_000_000.0
@@ -80,6 +81,22 @@ def test_points_are_within_their_sigmas(make, size):
     assert 0.4 < chi2 < 2.0  # correlated: not n degrees of freedom
     assert abs(solution.sigma0 - 1.0) < 4.0 / np.sqrt(2.0 * solution.redundancy)
     assert len(stream.adjustment.rejected) <= 3
+
+
+def test_the_noise_is_that_which_the_mapping_states():
+    """σ̂0 of twelve sets of three total stations: 1 within 3 of its standard deviations."""
+    vtpv = redundancy = 0.0
+    for seed in range(2):
+        site, _, stations = site_of(dam, seed=seed)
+        network = site.network
+        for station in stations:
+            for posting in postings_of(station, 6)[0]:
+                network.add(*map(observation_from_record, posting.record["observations"]))
+        solution = fga.adjust(network)
+        vtpv += solution.vtpv
+        redundancy += solution.redundancy
+    assert redundancy > 1500
+    assert abs(vtpv / redundancy - 1.0) < 3.0 * np.sqrt(2.0 / redundancy)
 
 
 def test_a_displacement_is_found_and_a_gross_error_rejected():
