@@ -21,7 +21,8 @@ from ..graph.dependence import Variable
 from ..solve.gauss_newton_steps import Extrapolation
 from ..types import NO_ROWS, Array, Index
 from .factor_tests import JointCovariance
-from .linear_rows import TINY, LinearRows
+from .linear_rows import TINY
+from .normal_matrix import RowsWithNormals
 from .row_arrays import Arriving, Grown, Mark
 
 MAX_TURNS = 10
@@ -55,7 +56,7 @@ class IndeterminateError(AdjustmentError):
     """Rows do not determine all of their unknowns."""
 
 
-class LinearISAM2(LinearRows):
+class LinearISAM2(RowsWithNormals):
     """Observations in iSAM2."""
 
     def __init__(self, frame: Frame, *, accuracy: float = 1e-2) -> None:

@@ -199,6 +199,14 @@ class Block:
             pass
         return np.zeros(0, dtype=np.intp)
 
+    def degenerate(self, frame: Frame, state: State) -> Index:
+        """Return rows of degenerate geometry, (k,); what is left without them may have others."""
+        try:
+            self._linearised(frame, state)
+        except DegenerateError as error:
+            return error.rows
+        return np.zeros(0, dtype=np.intp)
+
     def _linearised(self, frame: Frame, state: State, *, jacobians: bool = True) -> Linearised:
         """Return residuals and partials.
 

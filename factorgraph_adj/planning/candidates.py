@@ -280,7 +280,7 @@ def linearise(
             column[design.unknowns.columns(kind, number)] = there
     old = np.zeros(equations.unknowns.n_columns, dtype=bool)
     old[column] = True
-    owner = _owners(equations, candidates)
+    owner = owners(equations, candidates)
     out = []
     for n in range(len(candidates)):
         part = a[np.flatnonzero(owner == n)]
@@ -291,7 +291,7 @@ def linearise(
     return LinearCandidates(equations, column, tuple(out))
 
 
-def _owners(equations: Equations, candidates: Sequence[Candidate]) -> Index:
+def owners(equations: Equations, candidates: Sequence[Candidate]) -> Index:
     """Return the number of the candidate of each row, −1 for rows of the design, (n_rows,).
 
     The rows of a weighted unknown have no id of an observation; they belong to the candidate that

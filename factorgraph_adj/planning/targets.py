@@ -138,6 +138,22 @@ class PointPrecision:
 
 
 @dataclass(frozen=True)
+class PositionError:
+    """Limit for the position error √(σx² + σy² + σz²) of each point, the root of the trace."""
+
+    at_most: float
+    """Largest allowed position error, metres."""
+    points: tuple[str, ...] = ("*",)
+    """Names of points, or patterns."""
+    axes: str = "xyz"
+    """Coordinates whose variances are summed: ``xy`` in plan, ``z`` the height."""
+
+    def __post_init__(self) -> None:
+        """Take a string as one pattern."""
+        _settle(self)
+
+
+@dataclass(frozen=True)
 class RedundancyNumber:
     """Limit for redundancy numbers."""
 
@@ -211,12 +227,13 @@ class DetectableDisplacement:
         _settle(self)
 
 
-PointTarget: TypeAlias = SemiAxis | PointPrecision
+PointTarget: TypeAlias = SemiAxis | PointPrecision | PositionError
 RowTarget: TypeAlias = RedundancyNumber | DetectableError | UndetectedShift
 Target: TypeAlias = PointTarget | RowTarget | DetectableDisplacement
 TARGETS: dict[str, type[Target]] = {
     "semi_axis": SemiAxis,
     "point_precision": PointPrecision,
+    "position_error": PositionError,
     "redundancy_number": RedundancyNumber,
     "detectable_error": DetectableError,
     "undetected_shift": UndetectedShift,
@@ -275,6 +292,8 @@ def describe(target: Target) -> str:
         return f"{shown} semi-axis of the {region} (m)"
     if isinstance(target, PointPrecision):
         return f"largest σ of {target.axes} (m)"
+    if isinstance(target, PositionError):
+        return f"position error of {target.axes} (m)"
     if isinstance(target, RedundancyNumber):
         return "redundancy number"
     if isinstance(target, DetectableError):
@@ -330,7 +349,7 @@ def limit_problems(targets: Sequence[Target], points: Sequence[str]) -> list[Pro
                 )
             if isinstance(t.dimension, bool) or t.dimension not in (2, 3):
                 wrong.append(f"the dimension must be 2 or 3, not {t.dimension!r}")
-        if isinstance(t, PointPrecision):
+        if isinstance(t, PointPrecision | PositionError):
             axes = isinstance(t.axes, str) and t.axes and set(t.axes) <= set("xyz")
             if not axes:
                 wrong.append(f"axes are letters of xyz, not {t.axes!r}")
@@ -445,10 +464,11 @@ def point_figures(target: PointTarget, blocks: Array, horizon: Array) -> Array:
         blocks: covariances in the frame of the network, (n, 3, 3), metres².
         horizon: unit vectors east and north at each point in the frame, (n, 2, 3).
     """
-    if isinstance(target, PointPrecision):
+    if isinstance(target, PointPrecision | PositionError):
         chosen = ["xyz".index(a) for a in target.axes]
-        variances = np.einsum("nii->ni", blocks)[:, chosen]
-        return np.asarray(np.sqrt(np.maximum(variances, 0.0)).max(axis=1))
+        variances = np.maximum(np.einsum("nii->ni", blocks)[:, chosen], 0.0)
+        joined = variances.max(axis=1) if isinstance(target, PointPrecision) else variances.sum(1)
+        return np.asarray(np.sqrt(joined))
     k = target.dimension
     regions = blocks if k == 3 else horizon @ blocks @ np.swapaxes(horizon, 1, 2)
     values = np.linalg.eigvalsh(regions)

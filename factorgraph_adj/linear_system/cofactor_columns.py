@@ -1,0 +1,264 @@
+"""Cofactors of chosen unknowns with all others, of a linear system in either engine.
+
+`LinearSystem.cofactors` gives the block of two variables. Here one solution gives whole columns of
+Q, for any number of right sides at once, and the blocks of all points from the selected inverse.
+In fronts these are Q′ = Q − G P Gᵀ of the base and the rows beside it, with the border of new
+unknowns b (see `factorgraph_adj.solve.low_rank_update`):
+
+    Q′_xx = Q − G P Gᵀ,   Q′_xb = −G Kᵀ,   Q′_bb = K D Kᵀ;
+
+in iSAM2 they are those of the normal matrix of the rows in the tree.
+
+Rows B that join, or hold functions as constraints without error, change them again:
+
+    Q″ = Q′ − H D⁻¹ Hᵀ,   H = Q′Bᵀ,   D = S + B H   with S = I, or 0 for constraints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+
+from ..factor_graph.normal_matrix import SolvedNormals
+from ..models.unknown_registry import VariableKind
+from ..solve.solution import Solution
+from ..types import NO_ROWS, Array, Index
+from .front_system import FrontSystem
+from .isam2_system import ISAM2System
+from .linear_system import LinearSystem
+
+UNKNOWN = -2
+"""Column of a component of a variable that is not determined."""
+POINT_SIZE = 3
+
+
+class CofactorColumns(Protocol):
+    """Cofactors Q of all unknowns of a network, by columns."""
+
+    @property
+    def size(self) -> int:
+        """Number of columns n."""
+        ...
+
+    @property
+    def motions(self) -> Array:
+        """Motions of the whole that the datum of a free network leaves open, (n, d)."""
+        ...
+
+    def columns(self, kind: VariableKind, name: str) -> Index:
+        """Return the column of each component of a variable.
+
+        −1 stands for a held component; the only one of an undetermined variable is `UNKNOWN`.
+        """
+        ...
+
+    def times(self, y: Array) -> Array:
+        """Return Q y for y (n, k)."""
+        ...
+
+    def point_blocks(self, names: Sequence[str]) -> Array:
+        """Return the cofactors of points, (m, 3, 3); zero for held and undetermined ones."""
+        ...
+
+
+def cofactor_columns(system: LinearSystem, solution: Callable[[], Solution]) -> CofactorColumns:
+    """Return the cofactors of a linear system by columns.
+
+    Args:
+        system: the system.
+        solution: returns the whole solution, which a section of a large network takes.
+    """
+    if isinstance(system, ISAM2System):
+        if not system.tree.lost:
+            return TreeColumns(system)
+        system = system.fronts
+    assert isinstance(system, FrontSystem)
+    return FrontColumns(system if system.section is None else FrontSystem.of(solution()))
+
+
+class TreeColumns:
+    """Cofactors of a network in iSAM2."""
+
+    def __init__(self, system: ISAM2System) -> None:
+        """Factorise the normal matrix of the rows in the tree."""
+        self._tree = system.tree
+        self._solved: SolvedNormals = self._tree.solved_normals()
+        self._columns = {k: t.column.values.copy() for k, t in self._tree.tables.items()}
+        self._numbers = {k: dict(t.number) for k, t in self._tree.tables.items()}
+
+    @property
+    def size(self) -> int:
+        """Number of columns."""
+        return len(self._solved.alive)
+
+    @property
+    def motions(self) -> Array:
+        """None: the datum is given."""
+        return np.zeros((self.size, 0))
+
+    def columns(self, kind: VariableKind, name: str) -> Index:
+        """Return the columns of a variable, see `CofactorColumns`."""
+        number = self._numbers.get(kind, {}).get(name)
+        if number is None:
+            return np.array([UNKNOWN])
+        found = self._columns[kind][number]
+        dead = (found >= 0) & ~self._solved.alive[np.maximum(found, 0)]
+        return np.where(dead, UNKNOWN, found)
+
+    def times(self, y: Array) -> Array:
+        """Return Q y."""
+        return self._solved.times(y)
+
+    def point_blocks(self, names: Sequence[str]) -> Array:
+        """Return the cofactors of points."""
+        return self._solved.blocks(_stacked(self, names))
+
+
+class FrontColumns:
+    """Cofactors of a network in fronts with the rows beside its base; it is no section."""
+
+    def __init__(self, system: FrontSystem) -> None:
+        """Take a system over."""
+        self._system = system
+        self._base = system.base
+        self._n = self._base.equations.unknowns.n_columns
+
+    @property
+    def size(self) -> int:
+        """Number of columns: those of the base, then those of the border."""
+        return self._n + len(self._system.border.place)
+
+    @property
+    def motions(self) -> Array:
+        """Motions that the datum leaves open."""
+        datum = self._base.datum
+        return np.zeros((self.size, 0)) if datum is None else datum.motions
+
+    def columns(self, kind: VariableKind, name: str) -> Index:
+        """Return the columns of a variable, see `CofactorColumns`."""
+        if not self._system.known(kind, name):
+            return np.array([UNKNOWN])
+        columns = self._system.columns(kind, name)
+        return np.where(self._system.free(columns), columns, -1) if len(columns) else NO_ROWS
+
+    @cached_property
+    def _spread(self) -> Array:
+        """G by all unknowns of the base, in a free network S G, (n, k)."""
+        system = self._system
+        update, lifted = system.update, system.lifted
+        z = update.spread
+        if self._base.factor.points is None:
+            out = np.zeros((self._n, z.shape[1]))
+            out[lifted.columns] = z[: len(lifted.columns)]
+        else:
+            each = [lifted.unknowns(column, system.slots) for column in z.T]
+            out = np.stack(each, axis=1) if each else np.zeros((self._n, 0))
+        out[~self._base.equations.unknowns.free] = 0.0
+        datum = self._base.datum
+        return out if datum is None else out - datum.basis @ (datum.masked.T @ out)
+
+    def times(self, y: Array) -> Array:
+        """Return Q y."""
+        update, border = self._system.update, self._system.border
+        inner = np.where(self._base.equations.unknowns.free[:, None], y[: self._n], 0.0)
+        out = np.zeros(y.shape)
+        out[: self._n] = self._base.cofactor_times(inner)
+        if not len(update.signs):
+            return out
+        g, k = self._spread, update.parts.k
+        along = g.T @ inner
+        new = border.place >= 0
+        of_new = k[border.place[new]].T @ y[self._n :][new]
+        out[: self._n] -= g @ (update.inverse @ along + of_new)
+        if new.any():
+            moved = k @ (update.inner @ of_new - along)
+            out[self._n + np.flatnonzero(new)] = moved[border.place[new]]
+        return out
+
+    def point_blocks(self, names: Sequence[str]) -> Array:
+        """Return the cofactors of points."""
+        table = self._base.equations.unknowns["point"]
+        out = np.zeros((len(names), POINT_SIZE, POINT_SIZE))
+        number = np.array([table.number.get(n, -1) for n in names], dtype=np.intp)
+        mine = np.flatnonzero(number >= 0)
+        out[mine] = self._base.point_covariances[number[mine]]
+        if len(self._system.update.signs):
+            on = mine[table.offset[number[mine]] >= 0]
+            columns = table.offset[number[on], None] + np.arange(POINT_SIZE)
+            out[on] -= self._system.update.loss(self._spread[columns])
+        for i in np.flatnonzero(number < 0).tolist():
+            if self._system.known("point", names[i]):
+                found = self._system.cofactors(("point", names[i]), ("point", names[i]))
+                out[i, : len(found), : len(found)] = found
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class WithRows:
+    """Cofactors after more rows, or constraints, see the top."""
+
+    before: CofactorColumns
+    """Cofactors without them."""
+    rows: Array
+    """Bᵀ, (n, k)."""
+    held: bool = False
+    """Whether they are constraints without error."""
+    free_motions: Array | None = None
+    """Motions that constraints determine, which then leave Q, (n, d)."""
+    _blocks: dict[tuple[str, ...], Array] = field(default_factory=dict)
+
+    @property
+    def size(self) -> int:
+        """Number of columns."""
+        return self.before.size
+
+    @property
+    def motions(self) -> Array:
+        """Motions that stay open."""
+        return self.before.motions
+
+    def columns(self, kind: VariableKind, name: str) -> Index:
+        """Return the columns of a variable."""
+        return self.before.columns(kind, name)
+
+    @cached_property
+    def _half(self) -> Array:
+        """H L⁻ᵀ with D = L Lᵀ."""
+        h = self._times(self.rows)
+        d = self.rows.T @ h + (0.0 if self.held else np.eye(h.shape[1]))
+        scale = 1.0 / np.sqrt(np.diag(d))
+        root = np.linalg.cholesky(0.5 * (d + d.T) * scale[:, None] * scale)
+        return np.asarray(np.linalg.solve(root, (h * scale).T).T)
+
+    def _times(self, y: Array) -> Array:
+        g = self.free_motions
+        out = self.before.times(y)
+        return out if g is None else out + g @ (g.T @ y)
+
+    def times(self, y: Array) -> Array:
+        """Return Q y."""
+        return np.asarray(self._times(y) - self._half @ (self._half.T @ y))
+
+    def point_blocks(self, names: Sequence[str]) -> Array:
+        """Return the cofactors of points."""
+        columns = _stacked(self, names)
+        on = (columns >= 0)[:, :, None]
+        half = np.where(on, self._half[columns], 0.0)
+        out = self.before.point_blocks(names) - half @ half.transpose(0, 2, 1)
+        if self.free_motions is not None:
+            g = np.where(on, self.free_motions[columns], 0.0)
+            out += g @ g.transpose(0, 2, 1)
+        return np.asarray(out)
+
+
+def _stacked(of: CofactorColumns, names: Sequence[str]) -> Index:
+    """Return the columns of points, −1 where they are held or not determined, (m, 3)."""
+    out = np.full((len(names), POINT_SIZE), -1, dtype=np.intp)
+    for i, name in enumerate(names):
+        found = of.columns("point", name)
+        out[i, : len(found)] = np.maximum(found, -1)
+    return out

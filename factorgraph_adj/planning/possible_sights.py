@@ -1,0 +1,517 @@
+"""Sights that are possible now: from stations that are set up to every point, levelling, GNSS.
+
+A station is set up once it has read something, and the last observation of each kind from it is the
+model of its further sights: standard deviation, set, instrument and heights are its own. What it
+reads together is one sight. Levelled differences between neighbouring points, and GNSS positions,
+follow the last one of the network.
+
+The rows of all sights are evaluated at once, as blocks of the models of the kinds: no observation
+is made before it is asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, TypeAlias
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from ..graph.blocks import Block
+from ..graph.equations import Equations, compile_rows
+from ..graph.variables import DEFAULT, State
+from ..graph.weights import of_parts, sigma_at
+from ..ledger.ledger import Ledger
+from ..ledger.row_store import REMOVED
+from ..linear_system.cofactor_columns import UNKNOWN, CofactorColumns
+from ..linear_system.linear_system import LinearSystem
+from ..linear_system.rebase import MIN_NOTICED_MOTION
+from ..models.unknown_registry import VariableKind
+from ..observations import Observation
+from ..observations.base import Sight
+from ..observations.positions import ControlPoint
+from ..observations.registry import CONTROL_QUANTITIES, TOTAL_STATION_QUANTITIES
+from ..types import Array, Index, Mask
+from .candidates import Candidate
+
+NEIGHBOURS = 6
+"""Number of nearest points to which levelled differences are possible from each point."""
+LEAST_LENGTH = 1e-3
+"""Shortest sight, metres."""
+SOLE_KINDS = ("horizontal angle",)
+"""Quantities that name a second target, of which a sight to a point is no further one."""
+POINT = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Templates:
+    """The last observations of what may be observed again."""
+
+    sights: Mapping[str, Mapping[str, Sight]]
+    """Of each kind by its name, for each station that is set up."""
+    levelled: Sight | None
+    """The last levelled height difference."""
+    gnss: ControlPoint | None
+    """The last observed coordinates of a point."""
+
+
+def templates(ledger: Ledger) -> Templates:
+    """Return the last observations of a ledger, of each kind from each station."""
+    sights: dict[str, dict[str, Sight]] = {}
+    levelled: Sight | None = None
+    gnss: ControlPoint | None = None
+    for _, unit in ledger.rows.units(np.flatnonzero(ledger.rows.status != REMOVED)):
+        for o in unit.observations:
+            quantity = o.record.quantity
+            if isinstance(o, Sight):
+                if quantity == "height difference":
+                    levelled = o
+                elif quantity in TOTAL_STATION_QUANTITIES and quantity not in SOLE_KINDS:
+                    sights.setdefault(o.station, {})[o.kind] = o
+            elif isinstance(o, ControlPoint) and quantity in CONTROL_QUANTITIES:
+                gnss = o
+    return Templates(sights, levelled, gnss)
+
+
+@dataclass(frozen=True, eq=False)
+class PossibleSights:
+    """m sights of at most d whitened rows each, in w columns of the cofactors."""
+
+    a: Array
+    """Partials, (m, d, w); zero in rows that say nothing of determined unknowns."""
+    columns: Index
+    """Columns, −1: none, (m, w)."""
+    points: Index
+    """Point at which each sight ends, whose columns are the last three, (m,); −1: none."""
+    make: Callable[[int], Candidate]
+    """Returns a sight as a candidate."""
+    lacks: Mask
+    """Whether a row of the sight needs something that is not determined, (m,)."""
+    determines: Index
+    """New point that a sight would determine, (m,); −1: none."""
+    kinds: tuple[str, ...] = ()
+    """Kinds of readings."""
+    reads: Mask | None = None
+    """Which of these each sight reads, (m, kinds); None: all."""
+    costs: Array | None = None
+    """Costs, (m,); None: they follow from the kinds."""
+
+    @property
+    def n(self) -> int:
+        """Number of sights."""
+        return len(self.a)
+
+    def cost_of(self, costs: Mapping[str, float] | None) -> Array:
+        """Return the cost of each sight, (m,).
+
+        Args:
+            costs: cost of a reading of each kind, 1 for others; None: each sight has the cost 1.
+        """
+        if self.costs is not None:
+            return self.costs
+        if costs is None:
+            return np.ones(self.n)
+        each = np.array([costs.get(k, 1.0) for k in self.kinds])
+        if self.reads is None:
+            return np.full(self.n, each.sum())
+        return np.asarray(self.reads @ each)
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Values and columns of all variables of the sights of a network."""
+
+    equations: Equations
+    """The templates, compiled; their ids are numbers."""
+    state: State
+    """Present values, NaN where they are not known."""
+    cofactors: CofactorColumns
+    """Cofactors of the network."""
+    names: tuple[str, ...]
+    """Names of the points."""
+    n: int
+    """Number of templates."""
+    _of_kind: dict[VariableKind, Index] = field(default_factory=dict)
+
+    @classmethod
+    def of(
+        cls,
+        ledger: Ledger,
+        system: LinearSystem,
+        cofactors: CofactorColumns,
+        observations: Sequence[Observation],
+    ) -> Places:
+        """Compile observations with all points at the present estimates."""
+        network = ledger.network.copy()
+        for number, o in enumerate(observations):
+            network.add(replace(o, id=str(number)))
+        equations = compile_rows(network)
+        unknowns = equations.unknowns
+        state, moving = unknowns.start(), unknowns.moving()
+        for other, values, _ in system.places():
+            state = unknowns.carried(state, other, values, where=moving)
+        state = system.carried(unknowns, state)
+        held = system.datum_solution
+        if held is not None:
+            # Cofactors and open motions of a free network belong to the state of its datum.
+            state = unknowns.carried(state, held.equations.unknowns, held.state, where=moving)
+        names = tuple(unknowns["point"].names)
+        return cls(equations, state, cofactors, names, len(observations))
+
+    @property
+    def columns(self) -> Index:
+        """Columns of the points, −1: held, `UNKNOWN`, (n, 3)."""
+        return self.of_kind("point")
+
+    def of_kind(self, kind: VariableKind) -> Index:
+        """Return the columns of all variables of a kind, −1: held, (n, k)."""
+        if kind not in self._of_kind:
+            table = self.equations.unknowns[kind]
+            out = np.full(table.free.shape, -1, dtype=np.intp)
+            for i in np.flatnonzero(table.free.any(axis=1)).tolist():
+                found = self.cofactors.columns(kind, table.names[i])
+                out[i, : int(table.size[i])] = UNKNOWN
+                if not (len(found) == 1 and found[0] == UNKNOWN):
+                    out[i, :] = -1
+                    out[i, : len(found)] = found[: out.shape[1]]
+            self._of_kind[kind] = np.where(table.free, out, -1)
+        return self._of_kind[kind]
+
+    @property
+    def coordinates(self) -> Array:
+        """Coordinates of the points, (n, 3) metres."""
+        return self.state["point"]
+
+    @cached_property
+    def rows_of_templates(self) -> tuple[Index, Index]:
+        """Block of each template, and its row there."""
+        found = {
+            ident: (number, i)
+            for number, block in enumerate(self.equations.blocks)
+            if not block.prior
+            for i, ident in enumerate(block.ids)
+        }
+        every = [found[str(i)] for i in range(self.n)]
+        block, row = np.array(every, dtype=np.intp).reshape(-1, 2).T
+        return block, row
+
+    def tiled(self, numbers: Index, targets: Index, stations: Index | None = None) -> Block:
+        """Return templates of one block to other points.
+
+        Args:
+            numbers: template of each sight, (m,).
+            targets: point at which it ends, (m,).
+            stations: point at which it begins; None: the station of the template.
+        """
+        of_block, row = self.rows_of_templates
+        block = self.equations.blocks[int(of_block[numbers[0]])]
+        rows = row[numbers]
+        whole, network = block.by_role(), self.equations.network
+        ends = {"target": targets} if stations is None else {"target": targets, "station": stations}
+        variables = []
+        for (kind, index), attribute in zip(whole.variables, whole.named, strict=True):
+            chosen = index[rows]
+            if attribute in ends and kind == "point":
+                chosen = ends[attribute]
+            elif attribute in ends:
+                table = self.equations.unknowns[kind]
+                own = [table.number.get(n, table.number[DEFAULT]) for n in self.names]
+                chosen = np.array(own, dtype=np.intp)[ends[attribute]]
+            variables.append((kind, chosen))
+        ids = [block.ids[i] for i in rows.tolist()]
+        out = replace(
+            whole,
+            variables=tuple(variables),
+            observed=block.observed[rows],
+            sigma=block.sigma[rows],
+            ids=ids,
+            labels=lambda i: block.labels(int(rows[i])),
+            whitener=None,
+            constants={k: v[rows] for k, v in block.constants.items()},
+            axes=None,
+        )
+        parts = np.zeros(block.n, dtype=bool)
+        parts[of_parts(network, block)] = True
+        some = np.flatnonzero(parts[rows])
+        if len(some):
+            observations = [network.observations[ids[i]] for i in some.tolist()]
+            sigma = out.sigma.copy()
+            sigma[some, 0] = sigma_at(network.frame, out.select(some), observations, self.state)
+            out = replace(out, sigma=sigma)
+        return out
+
+    def sound(self, block: Block) -> Mask:
+        """Return which rows of a block have partials, (n,)."""
+        left = np.arange(block.n)
+        frame = self.equations.network.frame
+        while len(left):
+            wrong = block.select(left).degenerate(frame, self.state)
+            if not len(wrong):
+                break
+            left = np.delete(left, wrong)
+        out = np.zeros(block.n, dtype=bool)
+        out[left] = True
+        return out
+
+    def partials(self, block: Block) -> list[Array]:
+        """Return whitened partials (n, 1, k) by each role of a block."""
+        found = block.evaluate(self.equations.network.frame, self.state)
+        return [block.whiten(a) for a in found.jacobians]
+
+
+Slot: TypeAlias = tuple[str, str, str]
+"""Kind of a variable, its attribute, and kind of the observation (empty for ends of sights)."""
+
+
+class RowBuilder:
+    """Rows of m sights that end at points."""
+
+    def __init__(self, places: Places, m: int, d: int) -> None:
+        """Begin without rows."""
+        self.places, self.m, self.d = places, m, d
+        self.slots: dict[Slot, tuple[Array, Index]] = {}
+
+    def add(self, number: int, which: Index, block: Block, sound: Mask) -> None:
+        """Take the rows of a block as row ``number`` of the sights ``which``."""
+        keep = np.flatnonzero(sound)
+        block, which = block.select(keep), which[keep]
+        by_role = self.places.partials(block)
+        for (kind, index), name, a in zip(block.variables, block.named, by_role, strict=True):
+            end = name in ("station", "target")
+            slot = (kind, name, "" if end else block.kind)
+            columns = self.places.of_kind(kind)[index][:, : a.shape[2]]
+            if not (columns >= -1).all() or (columns >= 0).any():
+                if slot not in self.slots:
+                    width = a.shape[2]
+                    empty = np.zeros((self.m, self.d, width))
+                    self.slots[slot] = empty, np.full((self.m, width), -1, dtype=np.intp)
+                into, of = self.slots[slot]
+                into[which, number] = a[:, 0]
+                of[which] = columns
+
+    def rows(self, last: Slot) -> tuple[Array, Index, Mask]:
+        """Return partials (m, d, w), columns (m, w), and which rows say something, (m, d).
+
+        Args:
+            last: slot whose columns come last.
+        """
+        empty = np.zeros((self.m, self.d, POINT)), np.full((self.m, POINT), -1, dtype=np.intp)
+        order = [*(s for k, s in self.slots.items() if k != last), self.slots.get(last, empty)]
+        a = np.concatenate([x for x, _ in order], axis=2)
+        columns = np.concatenate([c for _, c in order], axis=1)
+        a = np.where((columns == -1)[:, None, :], 0.0, a)
+        lost = ((columns == UNKNOWN)[:, None, :] & (a != 0.0)).any(axis=2)
+        return a, columns, lost
+
+
+def _finished(
+    places: Places,
+    builder: RowBuilder,
+    ends: Index,
+    make: Callable[[int], Candidate],
+) -> PossibleSights:
+    """Return the rows of sights without what says nothing of determined unknowns."""
+    a, columns, lost = builder.rows(("point", "target", ""))
+    new = (places.columns[ends] == UNKNOWN).any(axis=1)
+    determines = np.full(len(ends), -1, dtype=np.intp)
+    only_new = (columns[:, :-POINT] != UNKNOWN).all(axis=1)
+    some = np.flatnonzero(new & only_new)
+    if len(some):
+        free = places.columns[ends[some]] == UNKNOWN
+        part = np.where(free[:, None, :], a[some, :, -POINT:], 0.0)
+        rank = np.linalg.matrix_rank(part)
+        determines[some] = np.where(rank >= free.sum(axis=1), ends[some], -1)
+    known = np.where(lost[:, :, None], 0.0, a)
+    motions = places.cofactors.motions
+    if motions.shape[1]:
+        g = np.where((columns >= 0)[:, :, None], motions[columns], 0.0)
+        far = np.abs(known @ g) > MIN_NOTICED_MOTION * (np.abs(known) @ np.abs(g)) + 1e-300
+        known = np.where(far.any(axis=2)[:, :, None], 0.0, known)
+    columns = np.where(columns >= 0, columns, -1)
+    return PossibleSights(known, columns, ends, make, lost.any(axis=1), determines)
+
+
+def _near(
+    places: Places, stations: Index, targets: Index, reach: float
+) -> tuple[Index, Index]:
+    """Return pairs of a station (its place among the given ones) and a point within reach."""
+    at = places.coordinates
+    far = np.linalg.norm(at[targets][None] - at[stations][:, None], axis=2)
+    with np.errstate(invalid="ignore"):
+        on = (far > LEAST_LENGTH) & (far <= reach)
+    first, second = np.nonzero(on)
+    return first, targets[second]
+
+
+def station_sights(
+    places: Places,
+    numbers: Mapping[str, Mapping[str, int]],
+    originals: Sequence[Observation],
+    targets: Collection[str] | None,
+    reach: float,
+    *,
+    together: bool,
+) -> PossibleSights | None:
+    """Return the sights from stations to points; None: there are none.
+
+    Args:
+        places: values and columns.
+        numbers: template of each kind, for each station.
+        originals: the templates.
+        targets: names of the points; None: all.
+        reach: largest length of a sight, metres.
+        together: whether everything that a station reads is one sight.
+    """
+    at_name = {n: i for i, n in enumerate(places.names)}
+    names = [s for s in numbers if s in at_name]
+    wanted = np.array([targets is None or n in targets for n in places.names], dtype=bool)
+    stations = np.array([at_name[s] for s in names], dtype=np.intp)
+    first, ends = _near(places, stations, np.flatnonzero(wanted), reach)
+    if not len(first):
+        return None
+    kinds = sorted({k for own in numbers.values() for k in own})
+    template = np.array([[numbers[s].get(k, -1) for k in kinds] for s in names], dtype=np.intp)
+    of_kind = template[first]
+    if not together:
+        which, kind = np.nonzero(of_kind >= 0)
+        alone = np.full((len(which), len(kinds)), -1, dtype=np.intp)
+        alone[np.arange(len(which)), kind] = of_kind[which, kind]
+        first, ends, of_kind = first[which], ends[which], alone
+    depth = len(kinds) if together else 1
+    builder = RowBuilder(places, len(ends), depth)
+    of_block = places.rows_of_templates[0]
+    for j in range(len(kinds)):
+        there = np.where(of_kind[:, j] >= 0, of_block[of_kind[:, j]], -1)
+        for number in np.unique(there[there >= 0]).tolist():
+            on = np.flatnonzero(there == number)
+            block = places.tiled(of_kind[on, j], ends[on])
+            builder.add(j if together else 0, on, block, places.sound(block))
+
+    def make(i: int) -> Candidate:
+        station, end = names[int(first[i])], places.names[int(ends[i])]
+        chosen = [originals[n] for n in of_kind[i].tolist() if n >= 0]
+        made = tuple(replace(o, target=end, id=None, source=None) for o in chosen)  # type: ignore[call-arg]
+        return Candidate(f"{station} to {end}", made)
+
+    found = _finished(places, builder, ends, make)
+    return replace(found, kinds=tuple(kinds), reads=of_kind >= 0)
+
+
+def levelled_differences(
+    places: Places, number: int, original: Sight, targets: Collection[str] | None, reach: float
+) -> PossibleSights | None:
+    """Return levelled differences between neighbours; arguments as of `station_sights`."""
+    at = places.coordinates
+    there = np.flatnonzero(np.isfinite(at).all(axis=1))
+    if len(there) < 2:
+        return None
+    near = KDTree(at[there, :2]).query(at[there, :2], k=min(NEIGHBOURS + 1, len(there)))[1]
+    begin = np.repeat(there, near.shape[1])
+    pairs = np.sort(np.stack([begin, there[near.ravel()]], axis=1), axis=1)
+    pairs = np.unique(pairs[pairs[:, 0] != pairs[:, 1]], axis=0)
+    far = np.linalg.norm(at[pairs[:, 0], :2] - at[pairs[:, 1], :2], axis=1)
+    wanted = np.array([targets is None or n in targets for n in places.names], dtype=bool)
+    pairs = pairs[(far <= reach) & wanted[pairs].any(axis=1)]
+    if not len(pairs):
+        return None
+    first, ends = pairs.T
+    builder = RowBuilder(places, len(ends), 1)
+    block = places.tiled(np.full(len(ends), number), ends, first)
+    builder.add(0, np.arange(len(ends)), block, places.sound(block))
+
+    def make(i: int) -> Candidate:
+        a, b = places.names[int(first[i])], places.names[int(ends[i])]
+        made = replace(original, station=a, target=b, id=None, source=None)
+        return Candidate(f"levelled {a} to {b}", (made,))
+
+    # Both ends are points: neither is a station with few columns.
+    found = _finished(places, builder, ends, make)
+    return replace(found, points=np.full(len(ends), -1), kinds=(original.kind,))
+
+
+def gnss_positions(
+    places: Places, original: ControlPoint, targets: Collection[str] | None
+) -> PossibleSights | None:
+    """Return observed coordinates of points with the covariance of a template."""
+    wanted = [targets is None or n in targets for n in places.names]
+    finite = np.isfinite(places.coordinates).all(axis=1)
+    ends = np.flatnonzero(np.array(wanted, dtype=bool) & finite)
+    if not len(ends):
+        return None
+    axes = np.eye(POINT)[["xyz".index(a) for a in original.axes]]
+    vectors = np.broadcast_to(axes, (len(ends), *axes.shape))
+    if original.local:
+        frame = places.equations.network.frame
+        enu = frame.basis(places.coordinates[ends], np.zeros((len(ends), 2))).enu
+        vectors = enu[:, ["enu".index(a) for a in original.axes]]
+    given = original.covariance
+    covariance = np.diag(np.square(original.sigma)) if given is None else np.asarray(given)  # type: ignore[arg-type]
+    a = np.linalg.inv(np.linalg.cholesky(covariance)) @ vectors
+    builder = RowBuilder(places, len(ends), a.shape[1])
+    builder.slots["point", "target", ""] = np.array(a), places.columns[ends]
+
+    def make(i: int) -> Candidate:
+        place = int(ends[i])
+        value: Any = original.value
+        if not original.local:
+            value = tuple(places.coordinates[place]["xyz".index(a)] for a in original.axes)
+        name = places.names[place]
+        made = replace(original, point=name, value=value, id=None, source=None)
+        return Candidate(f"GNSS at {name}", (made,))
+
+    return replace(_finished(places, builder, ends, make), kinds=(original.kind,))
+
+
+def possible_sights(
+    ledger: Ledger,
+    system: LinearSystem,
+    cofactors: CofactorColumns,
+    *,
+    stations: Collection[str] | None = None,
+    points: Collection[str] | None = None,
+    kinds: Collection[str] | None = None,
+    reach: float = np.inf,
+    together: bool = True,
+) -> tuple[Places, list[PossibleSights]]:
+    """Return what may be observed now, with the values and columns of it.
+
+    Args:
+        ledger: what has arrived.
+        system: the linear system.
+        cofactors: its cofactors.
+        stations: names of the stations; None: all that are set up.
+        points: names of the points to which sights go; None: all.
+        kinds: kinds of observations; None: all.
+        reach: largest length of a sight, metres.
+        together: whether everything that a station reads is one sight.
+    """
+    found = templates(ledger)
+    wanted = lambda kind: kinds is None or kind in kinds  # noqa: E731
+    originals: list[Observation] = []
+    numbers: dict[str, dict[str, int]] = {}
+    for station, own in found.sights.items():
+        if stations is None or station in stations:
+            for kind, o in own.items():
+                if wanted(kind):
+                    numbers.setdefault(station, {})[kind] = len(originals)
+                    originals.append(o)
+    levelled = found.levelled
+    if levelled is not None and wanted(levelled.kind) and stations is None:
+        originals.append(levelled)
+    else:
+        levelled = None
+    places = Places.of(ledger, system, cofactors, originals)
+    families: Iterable[PossibleSights | None] = (
+        station_sights(places, numbers, originals, points, reach, together=together)
+        if numbers
+        else None,
+        None
+        if levelled is None
+        else levelled_differences(places, len(originals) - 1, levelled, points, reach),
+        gnss_positions(places, found.gnss, points)
+        if found.gnss is not None and wanted(found.gnss.kind) and stations is None
+        else None,
+    )
+    return places, [f for f in families if f is not None and f.n]
