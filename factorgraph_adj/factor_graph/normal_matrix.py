@@ -63,8 +63,8 @@ class RowsWithNormals(LinearRows):
                 take(group.a[:, :, on], np.where(held, columns, -1))
             first += group.v.size
         places = np.concatenate(row), np.concatenate(column)
-        a = coo_array((np.concatenate(data), places), shape=(first, n)).tocsr()
-        return csc_array(a.T @ a)
+        rows_of_all = coo_array((np.concatenate(data), places), shape=(first, n)).tocsr()
+        return csc_array(rows_of_all.T @ rows_of_all)
 
     def solved_normals(self) -> SolvedNormals:
         """Return the factorised normal matrix.

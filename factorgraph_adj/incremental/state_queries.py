@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from importlib import import_module
 from threading import RLock
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -36,9 +35,6 @@ from .worklist import IncrementalState
 
 if TYPE_CHECKING:
     import gtsam
-
-    from ..planning.candidates import Candidate
-    from ..planning.next_sight import NextSights
 
 
 def point_estimate(state: IncrementalState, name: str, solution: Callable[[], Solution]) -> Array:
@@ -291,44 +287,6 @@ class StateQueries(metaclass=ChecksArguments):
         chosen = self._rules.alpha if alpha is None else alpha
         check_probabilities(chosen, power)
         return reliability(self.solution(), alpha=chosen, power=power)
-
-    @one_at_a_time
-    def next_sights(
-        self,
-        target: Any,
-        candidates: Sequence[Candidate] | Candidate | None = None,
-        **options: Any,
-    ) -> NextSights:
-        """Return the observations, among those possible now, that gain most for a target.
-
-        Nothing changes. Arguments and results are those of `factorgraph_adj.planning.next_sight`.
-
-        Args:
-            target: names of points, whose position errors are to become small, or targets of a
-                design such as ``PositionError``, ``DetectableError``, ``DetectableDisplacement``.
-            candidates: candidates as of a design, such as photos; None: sights from all stations
-                that are set up, levelled differences and GNSS positions.
-            options: the fields of `factorgraph_adj.planning.next_sight.SightChoice`: ``stations``,
-                ``points``, ``kinds``, ``reach`` (metres), ``together``, ``costs``, ``most`` (10),
-                ``sequence``.
-
-        Raises:
-            InputError: nothing is in the graph, invalid targets, candidates or options, and names
-                that are not there.
-        """
-        if self._state.system is None:
-            raise InputError("nothing is determined yet: no sight can be judged")
-        module = import_module("factorgraph_adj.planning.next_sight")
-        found: NextSights = module.next_sights(
-            self._state.ledger,
-            self._state.system,
-            self.solution,
-            target,
-            candidates,
-            alpha=self._rules.alpha,
-            choice=module.SightChoice(**options),
-        )
-        return found
 
     @one_at_a_time
     def causes(self, *, alpha: float | None = None) -> Causes | None:

@@ -26,7 +26,7 @@ import numpy as np
 from ..factor_graph.normal_matrix import SolvedNormals
 from ..models.unknown_registry import VariableKind
 from ..solve.solution import Solution
-from ..types import NO_ROWS, Array, Index
+from ..types import Array, Index
 from .front_system import FrontSystem
 from .isam2_system import ISAM2System
 from .linear_system import LinearSystem
@@ -49,10 +49,10 @@ class CofactorColumns(Protocol):
         """Motions of the whole that the datum of a free network leaves open, (n, d)."""
         ...
 
-    def columns(self, kind: VariableKind, name: str) -> Index:
-        """Return the column of each component of a variable.
+    def columns(self, kind: VariableKind, names: Sequence[str], width: int) -> Index:
+        """Return the columns of the components of variables, (m, width).
 
-        −1 stands for a held component; the only one of an undetermined variable is `UNKNOWN`.
+        −1 stands for a held component, `UNKNOWN` for those of a variable that is not determined.
         """
         ...
 
@@ -100,14 +100,18 @@ class TreeColumns:
         """None: the datum is given."""
         return np.zeros((self.size, 0))
 
-    def columns(self, kind: VariableKind, name: str) -> Index:
-        """Return the columns of a variable, see `CofactorColumns`."""
-        number = self._numbers.get(kind, {}).get(name)
-        if number is None:
-            return np.array([UNKNOWN])
-        found = self._columns[kind][number]
-        dead = (found >= 0) & ~self._solved.alive[np.maximum(found, 0)]
-        return np.where(dead, UNKNOWN, found)
+    def columns(self, kind: VariableKind, names: Sequence[str], width: int) -> Index:
+        """Return the columns of variables, see `CofactorColumns`."""
+        out = np.full((len(names), width), UNKNOWN, dtype=np.intp)
+        numbers = self._numbers.get(kind, {})
+        number = np.array([numbers.get(n, -1) for n in names], dtype=np.intp)
+        here = np.flatnonzero(number >= 0)
+        if len(here):
+            found = self._columns[kind][number[here]][:, :width]
+            dead = (found >= 0) & ~self._solved.alive[np.maximum(found, 0)]
+            out[here] = -1
+            out[here, : found.shape[1]] = np.where(dead, UNKNOWN, found)
+        return out
 
     def times(self, y: Array) -> Array:
         """Return Q y."""
@@ -138,12 +142,23 @@ class FrontColumns:
         datum = self._base.datum
         return np.zeros((self.size, 0)) if datum is None else datum.motions
 
-    def columns(self, kind: VariableKind, name: str) -> Index:
-        """Return the columns of a variable, see `CofactorColumns`."""
-        if not self._system.known(kind, name):
-            return np.array([UNKNOWN])
-        columns = self._system.columns(kind, name)
-        return np.where(self._system.free(columns), columns, -1) if len(columns) else NO_ROWS
+    def columns(self, kind: VariableKind, names: Sequence[str], width: int) -> Index:
+        """Return the columns of variables, see `CofactorColumns`."""
+        unknowns, system = self._base.equations.unknowns, self._system
+        table, out = unknowns[kind], np.full((len(names), width), UNKNOWN, dtype=np.intp)
+        number = np.array([table.number.get(n, -1) for n in names], dtype=np.intp)
+        here = np.flatnonzero(number >= 0)
+        k = min(width, table.free.shape[1])
+        offset = table.offset[number[here]]
+        free = table.free[number[here], :k] & (offset >= 0)[:, None]
+        out[here] = -1
+        out[here, :k] = np.where(free, offset[:, None] + np.arange(k), -1)
+        for i in np.flatnonzero(number < 0).tolist():
+            if system.known(kind, names[i]):
+                found = system.columns(kind, names[i])
+                out[i] = -1
+                out[i, : len(found)] = np.where(system.free(found), found, -1)[:width]
+        return out
 
     @cached_property
     def _spread(self) -> Array:
@@ -221,9 +236,9 @@ class WithRows:
         """Motions that stay open."""
         return self.before.motions
 
-    def columns(self, kind: VariableKind, name: str) -> Index:
-        """Return the columns of a variable."""
-        return self.before.columns(kind, name)
+    def columns(self, kind: VariableKind, names: Sequence[str], width: int) -> Index:
+        """Return the columns of variables, see `CofactorColumns`."""
+        return self.before.columns(kind, names, width)
 
     @cached_property
     def _half(self) -> Array:
@@ -257,8 +272,4 @@ class WithRows:
 
 def _stacked(of: CofactorColumns, names: Sequence[str]) -> Index:
     """Return the columns of points, −1 where they are held or not determined, (m, 3)."""
-    out = np.full((len(names), POINT_SIZE), -1, dtype=np.intp)
-    for i, name in enumerate(names):
-        found = of.columns("point", name)
-        out[i, : len(found)] = np.maximum(found, -1)
-    return out
+    return np.maximum(of.columns("point", names, POINT_SIZE), -1)

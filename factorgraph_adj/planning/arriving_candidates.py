@@ -20,7 +20,6 @@ from ..ledger.ledger import Ledger
 from ..linear_system.cofactor_columns import UNKNOWN, CofactorColumns
 from ..linear_system.linear_system import LinearSystem
 from ..linear_system.rebase import notices_motion
-
 from ..solve.linearised_equations import LinearisedEquations
 from ..types import Index
 from .candidate_search import told
@@ -93,10 +92,7 @@ def _rows(
     place = np.full(unknowns.n_columns, UNKNOWN, dtype=np.intp)
     for kind, number in unknowns.active():
         at = unknowns.columns(kind, number)
-        found = cofactors.columns(kind, unknowns[kind].names[number])
-        if not (len(found) == 1 and found[0] == UNKNOWN):
-            place[at] = -1
-            place[at[: len(found)]] = found[: len(at)]
+        place[at] = cofactors.columns(kind, [unknowns[kind].names[number]], len(at))[0]
     columns = np.unique(a.indices).astype(np.intp)
     columns = columns[unknowns.free[columns] & (place[columns] != -1)]
     dense = np.asarray(a[:, columns].todense())

@@ -1,9 +1,7 @@
 """Sights that are possible now: from stations that are set up to every point, levelling, GNSS.
 
-A station is set up once it has read something, and the last observation of each kind from it is the
-model of its further sights: standard deviation, set, instrument and heights are its own. What it
-reads together is one sight. Levelled differences between neighbouring points, and GNSS positions,
-follow the last one of the network.
+What a station reads together is one sight. Levelled differences are those between neighbouring
+points. `factorgraph_adj.planning.sight_templates` has the observations that are repeated.
 
 The rows of all sights are evaluated at once, as blocks of the models of the kinds: no observation
 is made before it is asked for.
@@ -12,67 +10,32 @@ is made before it is asked for.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
 from scipy.spatial import KDTree
 
+from ..errors import InputError, Problem, known
 from ..graph.blocks import Block
-from ..graph.equations import Equations, compile_rows
-from ..graph.variables import DEFAULT, State
-from ..graph.weights import of_parts, sigma_at
 from ..ledger.ledger import Ledger
-from ..ledger.row_store import REMOVED
 from ..linear_system.cofactor_columns import UNKNOWN, CofactorColumns
 from ..linear_system.linear_system import LinearSystem
 from ..linear_system.rebase import MIN_NOTICED_MOTION
-from ..models.unknown_registry import VariableKind
 from ..observations import Observation
 from ..observations.base import Sight
 from ..observations.positions import ControlPoint
-from ..observations.registry import CONTROL_QUANTITIES, TOTAL_STATION_QUANTITIES
 from ..types import Array, Index, Mask
 from .candidates import Candidate
+from .sight_templates import Places, SightMemory
+from .targets import matching
 
 NEIGHBOURS = 6
 """Number of nearest points to which levelled differences are possible from each point."""
 LEAST_LENGTH = 1e-3
 """Shortest sight, metres."""
-SOLE_KINDS = ("horizontal angle",)
-"""Quantities that name a second target, of which a sight to a point is no further one."""
 POINT = 3
-
-
-@dataclass(frozen=True, eq=False)
-class Templates:
-    """The last observations of what may be observed again."""
-
-    sights: Mapping[str, Mapping[str, Sight]]
-    """Of each kind by its name, for each station that is set up."""
-    levelled: Sight | None
-    """The last levelled height difference."""
-    gnss: ControlPoint | None
-    """The last observed coordinates of a point."""
-
-
-def templates(ledger: Ledger) -> Templates:
-    """Return the last observations of a ledger, of each kind from each station."""
-    sights: dict[str, dict[str, Sight]] = {}
-    levelled: Sight | None = None
-    gnss: ControlPoint | None = None
-    for _, unit in ledger.rows.units(np.flatnonzero(ledger.rows.status != REMOVED)):
-        for o in unit.observations:
-            quantity = o.record.quantity
-            if isinstance(o, Sight):
-                if quantity == "height difference":
-                    levelled = o
-                elif quantity in TOTAL_STATION_QUANTITIES and quantity not in SOLE_KINDS:
-                    sights.setdefault(o.station, {})[o.kind] = o
-            elif isinstance(o, ControlPoint) and quantity in CONTROL_QUANTITIES:
-                gnss = o
-    return Templates(sights, levelled, gnss)
+"""Number of coordinates of a point."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,148 +82,6 @@ class PossibleSights:
         return np.asarray(self.reads @ each)
 
 
-@dataclass(frozen=True, eq=False)
-class Places:
-    """Values and columns of all variables of the sights of a network."""
-
-    equations: Equations
-    """The templates, compiled; their ids are numbers."""
-    state: State
-    """Present values, NaN where they are not known."""
-    cofactors: CofactorColumns
-    """Cofactors of the network."""
-    names: tuple[str, ...]
-    """Names of the points."""
-    n: int
-    """Number of templates."""
-    _of_kind: dict[VariableKind, Index] = field(default_factory=dict)
-
-    @classmethod
-    def of(
-        cls,
-        ledger: Ledger,
-        system: LinearSystem,
-        cofactors: CofactorColumns,
-        observations: Sequence[Observation],
-    ) -> Places:
-        """Compile observations with all points at the present estimates."""
-        network = ledger.network.copy()
-        for number, o in enumerate(observations):
-            network.add(replace(o, id=str(number)))
-        equations = compile_rows(network)
-        unknowns = equations.unknowns
-        state, moving = unknowns.start(), unknowns.moving()
-        for other, values, _ in system.places():
-            state = unknowns.carried(state, other, values, where=moving)
-        state = system.carried(unknowns, state)
-        held = system.datum_solution
-        if held is not None:
-            # Cofactors and open motions of a free network belong to the state of its datum.
-            state = unknowns.carried(state, held.equations.unknowns, held.state, where=moving)
-        names = tuple(unknowns["point"].names)
-        return cls(equations, state, cofactors, names, len(observations))
-
-    @property
-    def columns(self) -> Index:
-        """Columns of the points, −1: held, `UNKNOWN`, (n, 3)."""
-        return self.of_kind("point")
-
-    def of_kind(self, kind: VariableKind) -> Index:
-        """Return the columns of all variables of a kind, −1: held, (n, k)."""
-        if kind not in self._of_kind:
-            table = self.equations.unknowns[kind]
-            out = np.full(table.free.shape, -1, dtype=np.intp)
-            for i in np.flatnonzero(table.free.any(axis=1)).tolist():
-                found = self.cofactors.columns(kind, table.names[i])
-                out[i, : int(table.size[i])] = UNKNOWN
-                if not (len(found) == 1 and found[0] == UNKNOWN):
-                    out[i, :] = -1
-                    out[i, : len(found)] = found[: out.shape[1]]
-            self._of_kind[kind] = np.where(table.free, out, -1)
-        return self._of_kind[kind]
-
-    @property
-    def coordinates(self) -> Array:
-        """Coordinates of the points, (n, 3) metres."""
-        return self.state["point"]
-
-    @cached_property
-    def rows_of_templates(self) -> tuple[Index, Index]:
-        """Block of each template, and its row there."""
-        found = {
-            ident: (number, i)
-            for number, block in enumerate(self.equations.blocks)
-            if not block.prior
-            for i, ident in enumerate(block.ids)
-        }
-        every = [found[str(i)] for i in range(self.n)]
-        block, row = np.array(every, dtype=np.intp).reshape(-1, 2).T
-        return block, row
-
-    def tiled(self, numbers: Index, targets: Index, stations: Index | None = None) -> Block:
-        """Return templates of one block to other points.
-
-        Args:
-            numbers: template of each sight, (m,).
-            targets: point at which it ends, (m,).
-            stations: point at which it begins; None: the station of the template.
-        """
-        of_block, row = self.rows_of_templates
-        block = self.equations.blocks[int(of_block[numbers[0]])]
-        rows = row[numbers]
-        whole, network = block.by_role(), self.equations.network
-        ends = {"target": targets} if stations is None else {"target": targets, "station": stations}
-        variables = []
-        for (kind, index), attribute in zip(whole.variables, whole.named, strict=True):
-            chosen = index[rows]
-            if attribute in ends and kind == "point":
-                chosen = ends[attribute]
-            elif attribute in ends:
-                table = self.equations.unknowns[kind]
-                own = [table.number.get(n, table.number[DEFAULT]) for n in self.names]
-                chosen = np.array(own, dtype=np.intp)[ends[attribute]]
-            variables.append((kind, chosen))
-        ids = [block.ids[i] for i in rows.tolist()]
-        out = replace(
-            whole,
-            variables=tuple(variables),
-            observed=block.observed[rows],
-            sigma=block.sigma[rows],
-            ids=ids,
-            labels=lambda i: block.labels(int(rows[i])),
-            whitener=None,
-            constants={k: v[rows] for k, v in block.constants.items()},
-            axes=None,
-        )
-        parts = np.zeros(block.n, dtype=bool)
-        parts[of_parts(network, block)] = True
-        some = np.flatnonzero(parts[rows])
-        if len(some):
-            observations = [network.observations[ids[i]] for i in some.tolist()]
-            sigma = out.sigma.copy()
-            sigma[some, 0] = sigma_at(network.frame, out.select(some), observations, self.state)
-            out = replace(out, sigma=sigma)
-        return out
-
-    def sound(self, block: Block) -> Mask:
-        """Return which rows of a block have partials, (n,)."""
-        left = np.arange(block.n)
-        frame = self.equations.network.frame
-        while len(left):
-            wrong = block.select(left).degenerate(frame, self.state)
-            if not len(wrong):
-                break
-            left = np.delete(left, wrong)
-        out = np.zeros(block.n, dtype=bool)
-        out[left] = True
-        return out
-
-    def partials(self, block: Block) -> list[Array]:
-        """Return whitened partials (n, 1, k) by each role of a block."""
-        found = block.evaluate(self.equations.network.frame, self.state)
-        return [block.whiten(a) for a in found.jacobians]
-
-
 Slot: TypeAlias = tuple[str, str, str]
 """Kind of a variable, its attribute, and kind of the observation (empty for ends of sights)."""
 
@@ -273,15 +94,14 @@ class RowBuilder:
         self.places, self.m, self.d = places, m, d
         self.slots: dict[Slot, tuple[Array, Index]] = {}
 
-    def add(self, number: int, which: Index, block: Block, sound: Mask) -> None:
+    def add(self, number: int, which: Index, block: Block) -> None:
         """Take the rows of a block as row ``number`` of the sights ``which``."""
-        keep = np.flatnonzero(sound)
-        block, which = block.select(keep), which[keep]
-        by_role = self.places.partials(block)
-        for (kind, index), name, a in zip(block.variables, block.named, by_role, strict=True):
+        rows, by_role = self.places.partials(block)
+        which = which[rows]
+        for (kind, index), name, a in zip(block.variables, block.named, by_role, strict=False):
             end = name in ("station", "target")
             slot = (kind, name, "" if end else block.kind)
-            columns = self.places.of_kind(kind)[index][:, : a.shape[2]]
+            columns = self.places.of_kind(kind)[index[rows]][:, : a.shape[2]]
             if not (columns >= -1).all() or (columns >= 0).any():
                 if slot not in self.slots:
                     width = a.shape[2]
@@ -323,19 +143,18 @@ def _finished(
         part = np.where(free[:, None, :], a[some, :, -POINT:], 0.0)
         rank = np.linalg.matrix_rank(part)
         determines[some] = np.where(rank >= free.sum(axis=1), ends[some], -1)
-    known = np.where(lost[:, :, None], 0.0, a)
+    told = np.where(lost[:, :, None], 0.0, a)
     motions = places.cofactors.motions
     if motions.shape[1]:
         g = np.where((columns >= 0)[:, :, None], motions[columns], 0.0)
-        far = np.abs(known @ g) > MIN_NOTICED_MOTION * (np.abs(known) @ np.abs(g)) + 1e-300
-        known = np.where(far.any(axis=2)[:, :, None], 0.0, known)
+        far = np.abs(told @ g) > MIN_NOTICED_MOTION * (np.abs(told) @ np.abs(g)) + 1e-300
+        told = np.where(far.any(axis=2)[:, :, None], 0.0, told)
     columns = np.where(columns >= 0, columns, -1)
-    return PossibleSights(known, columns, ends, make, lost.any(axis=1), determines)
+    lacks: Mask = np.asarray(lost.any(axis=1))
+    return PossibleSights(told, columns, ends, make, lacks, determines)
 
 
-def _near(
-    places: Places, stations: Index, targets: Index, reach: float
-) -> tuple[Index, Index]:
+def _near(places: Places, stations: Index, targets: Index, reach: float) -> tuple[Index, Index]:
     """Return pairs of a station (its place among the given ones) and a point within reach."""
     at = places.coordinates
     far = np.linalg.norm(at[targets][None] - at[stations][:, None], axis=2)
@@ -352,7 +171,7 @@ def station_sights(
     targets: Collection[str] | None,
     reach: float,
     *,
-    together: bool,
+    singly: bool,
 ) -> PossibleSights | None:
     """Return the sights from stations to points; None: there are none.
 
@@ -362,7 +181,8 @@ def station_sights(
         originals: the templates.
         targets: names of the points; None: all.
         reach: largest length of a sight, metres.
-        together: whether everything that a station reads is one sight.
+        singly: whether each reading is a sight of its own; otherwise everything that a station
+            reads is one.
     """
     at_name = {n: i for i, n in enumerate(places.names)}
     names = [s for s in numbers if s in at_name]
@@ -374,12 +194,12 @@ def station_sights(
     kinds = sorted({k for own in numbers.values() for k in own})
     template = np.array([[numbers[s].get(k, -1) for k in kinds] for s in names], dtype=np.intp)
     of_kind = template[first]
-    if not together:
+    if singly:
         which, kind = np.nonzero(of_kind >= 0)
         alone = np.full((len(which), len(kinds)), -1, dtype=np.intp)
         alone[np.arange(len(which)), kind] = of_kind[which, kind]
         first, ends, of_kind = first[which], ends[which], alone
-    depth = len(kinds) if together else 1
+    depth = 1 if singly else len(kinds)
     builder = RowBuilder(places, len(ends), depth)
     of_block = places.rows_of_templates[0]
     for j in range(len(kinds)):
@@ -387,12 +207,12 @@ def station_sights(
         for number in np.unique(there[there >= 0]).tolist():
             on = np.flatnonzero(there == number)
             block = places.tiled(of_kind[on, j], ends[on])
-            builder.add(j if together else 0, on, block, places.sound(block))
+            builder.add(0 if singly else j, on, block)
 
     def make(i: int) -> Candidate:
         station, end = names[int(first[i])], places.names[int(ends[i])]
         chosen = [originals[n] for n in of_kind[i].tolist() if n >= 0]
-        made = tuple(replace(o, target=end, id=None, source=None) for o in chosen)  # type: ignore[call-arg]
+        made = tuple(replace(o, target=end, id=None, source=None) for o in chosen)
         return Candidate(f"{station} to {end}", made)
 
     found = _finished(places, builder, ends, make)
@@ -419,7 +239,7 @@ def levelled_differences(
     first, ends = pairs.T
     builder = RowBuilder(places, len(ends), 1)
     block = places.tiled(np.full(len(ends), number), ends, first)
-    builder.add(0, np.arange(len(ends)), block, places.sound(block))
+    builder.add(0, np.arange(len(ends)), block)
 
     def make(i: int) -> Candidate:
         a, b = places.names[int(first[i])], places.names[int(ends[i])]
@@ -468,12 +288,13 @@ def possible_sights(
     ledger: Ledger,
     system: LinearSystem,
     cofactors: CofactorColumns,
+    memory: SightMemory,
     *,
     stations: Collection[str] | None = None,
     points: Collection[str] | None = None,
     kinds: Collection[str] | None = None,
-    reach: float = np.inf,
-    together: bool = True,
+    reach: float | None = None,
+    singly: bool = False,
 ) -> tuple[Places, list[PossibleSights]]:
     """Return what may be observed now, with the values and columns of it.
 
@@ -481,37 +302,58 @@ def possible_sights(
         ledger: what has arrived.
         system: the linear system.
         cofactors: its cofactors.
+        memory: what was found before.
         stations: names of the stations; None: all that are set up.
         points: names of the points to which sights go; None: all.
         kinds: kinds of observations; None: all.
-        reach: largest length of a sight, metres.
-        together: whether everything that a station reads is one sight.
+        reach: largest length of a sight, metres; None: that of the longest sight so far.
+        singly: whether each reading is a sight of its own; otherwise everything that a station
+            reads is one.
     """
-    found = templates(ledger)
-    wanted = lambda kind: kinds is None or kind in kinds  # noqa: E731
+    found = memory.templates(ledger)
+    chosen = _named("station that is set up", found.sights, stations)
+    ends = None if points is None else set(_named("point", ledger.network.points, points))
+    there = {k for own in found.sights.values() for k in own}
+    there |= {o.kind for o in (found.levelled, found.gnss) if o is not None}
+    wanted = set(_named("kind of what has been observed", sorted(there), kinds))
     originals: list[Observation] = []
     numbers: dict[str, dict[str, int]] = {}
-    for station, own in found.sights.items():
-        if stations is None or station in stations:
-            for kind, o in own.items():
-                if wanted(kind):
-                    numbers.setdefault(station, {})[kind] = len(originals)
-                    originals.append(o)
+    for station in chosen:
+        for kind, o in found.sights[station].items():
+            if kind in wanted:
+                numbers.setdefault(station, {})[kind] = len(originals)
+                originals.append(o)
     levelled = found.levelled
-    if levelled is not None and wanted(levelled.kind) and stations is None:
+    if levelled is not None and levelled.kind in wanted and stations is None:
         originals.append(levelled)
     else:
         levelled = None
-    places = Places.of(ledger, system, cofactors, originals)
+    places = Places.of(ledger, system, cofactors, originals, memory)
+    if reach is None:
+        reach = places.longest(found.ends)
     families: Iterable[PossibleSights | None] = (
-        station_sights(places, numbers, originals, points, reach, together=together)
-        if numbers
-        else None,
+        station_sights(places, numbers, originals, ends, reach, singly=singly) if numbers else None,
         None
         if levelled is None
-        else levelled_differences(places, len(originals) - 1, levelled, points, reach),
-        gnss_positions(places, found.gnss, points)
-        if found.gnss is not None and wanted(found.gnss.kind) and stations is None
+        else levelled_differences(places, len(originals) - 1, levelled, ends, reach),
+        gnss_positions(places, found.gnss, ends)
+        if found.gnss is not None and found.gnss.kind in wanted and stations is None
         else None,
     )
     return places, [f for f in families if f is not None and f.n]
+
+
+def _named(what: str, names: Iterable[str], patterns: Collection[str] | None) -> list[str]:
+    """Return those names that match patterns; None: all.
+
+    Raises:
+        InputError: patterns that match none.
+    """
+    every = list(names)
+    if patterns is None:
+        return every
+    wrong = [p for p in patterns if not matching(every, (p,)).any()]
+    if wrong:
+        raise InputError(Problem(f"there is no {what} like {p!r}: {known(every)}") for p in wrong)
+    on = matching(every, tuple(patterns))
+    return [n for n, o in zip(every, on.tolist(), strict=True) if o]

@@ -340,7 +340,7 @@ def read_wishes(path: str | Path, project: Project, *, candidates: bool = True) 
         if key not in ("target", "candidate", "files"):
             top.wrong(unknown_name("key", key, ("target", "candidate", "files")))
     targets = [
-        _target(t, f"{path.name}: target {n}", problems)
+        target_of(t, f"{path.name}: target {n}", problems)
         for n, t in enumerate(tables(document, "target", top), 1)
     ]
     drafts = Drafts(project, problems)
@@ -381,7 +381,15 @@ def _table_file(document: Mapping[str, Any], top: FieldRow) -> str | None:
     return name
 
 
-def _target(given: Mapping[str, Any], where: str, problems: list[Problem]) -> Target | None:
+def target_of(given: Mapping[str, Any], where: str, problems: list[Problem]) -> Target | None:
+    """Return the target of a record, noting its problems; None where it has any.
+
+    Args:
+        given: ``kind``, a key of `factorgraph_adj.planning.targets.TARGETS`, and its fields; of
+            lengths ``at_most`` in metres or ``at_most_mm``.
+        where: place of the record, for messages.
+        problems: takes what is wrong.
+    """
     kind = given.get("kind")
     if kind not in TARGETS:
         what = "kind is missing" if kind is None else f"unknown kind {kind!r}"

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -30,7 +31,7 @@ from ..linear_system.linear_system import LinearForms, LinearSystem
 from ..models.unknown_registry import VariableKind
 from ..quality.reliability import noncentrality
 from ..types import Array, Index
-from .possible_sights import Places
+from .sight_templates import Places
 from .targets import (
     LEAST,
     MOST,
@@ -221,9 +222,7 @@ class TargetReader:
         rows = exact[np.isin(exact, inside)] if len(exact) == len(set(patterns)) else None
         if rows is None or not len(rows):
             each = [(int(r), i) for r in inside.tolist() for i in ledger.rows.ids(ledger.names, r)]
-            kinds = {
-                r: unit.observations[0].kind for r, unit in ledger.rows.units(inside)
-            }
+            kinds = {r: unit.observations[0].kind for r, unit in ledger.rows.units(inside)}
             names = [i for _, i in each]
             of_kind = [kinds.get(r, "image") for r, _ in each]
             wrong = unlike("observation", target.observations, [*dict.fromkeys(of_kind), *names])
@@ -237,7 +236,9 @@ class TargetReader:
         cofactors = self.places.cofactors
 
         def columns(kind: VariableKind, name: str) -> Index:
-            return cofactors.columns(kind, name)
+            table = equations.unknowns[kind]
+            size = int(table.size[table.number[name]])
+            return np.asarray(cofactors.columns(kind, [name], size)[0], dtype=np.intp)
 
         units = ledger.units(rows)
         forms = LinearForms.of(
@@ -254,7 +255,8 @@ class TargetReader:
                 f"{o.label()} {c}".strip() for o in unit.observations for c in o.component_names()
             ]
             for i in range(len(own)):
-                figures = self._row_figures(target, i, root, inverse, weight[i], sigma[i])
+                spread = float(weight[i]), float(sigma[i])
+                figures = self._row_figures(target, i, root, inverse, *spread)
                 items.append(TargetItem(target, labels[i], own, figures))
         return TargetFunctions(cofactors, out, tuple(items))
 
@@ -263,7 +265,7 @@ class TargetReader:
         target: RedundancyNumber | DetectableError,
         i: int,
         root: Array,
-        inverse: Array,
+        inverse: Any,
         weight: float,
         sigma: float,
     ) -> Callable[[Array], Array]:

@@ -18,6 +18,7 @@ from ..incremental.arrival import Arrival, Waiting
 from ..io.numbers import Units, write_quantity
 from ..ledger.verdicts import Gain, Verdict
 from ..observations import ImagePoint, observation_kind
+from ..planning.next_sight import ExpectedFigure, NextSight, NextSights, noun_of
 from ..quality.causes.cause_search import Causes
 from ..quality.rejections import Rejected, Snooping, Unresolved
 from ..quality.reliability import Reliability
@@ -292,6 +293,37 @@ class Answers:
                 for c in found.found
             ],
         }
+
+    def next_sights(self, found: NextSights) -> Answer:
+        """Return the best next sights with their figures."""
+        return {
+            "examined": found.examined,
+            "figures": [self._expected(f, ("now",), (f.before,)) for f in found.figures],
+            "sights": [self._sight(s) for s in found.sights],
+            "determining": list(found.determining),
+        }
+
+    def _sight(self, s: NextSight) -> Answer:
+        first = next(iter(s.candidate.single))
+        return {
+            "sentence": s.sentence(self.units.sigma_length),
+            "name": s.candidate.name,
+            "station": getattr(first, "station", None),
+            "target": getattr(first, "target", None) or getattr(first, "point", None),
+            "kinds": list(dict.fromkeys(o.kind for o in s.candidate.single)),
+            "gain": rounded_figure(s.gain),
+            "cost": s.cost,
+            "incomplete": s.lacks,
+            "figures": [
+                self._expected(f, ("before", "after"), (f.before, f.after)) for f in s.figures
+            ],
+        }
+
+    def _expected(self, f: ExpectedFigure, names: Sequence[str], values: Sequence[float]) -> Answer:
+        unit = self.units.sigma_length
+        size, end = (LENGTH[unit], f"_{unit}") if f.is_length else (1.0, "")
+        shown = {f"{n}{end}": rounded_figure(v / size) for n, v in zip(names, values, strict=True)}
+        return {"item": f.item, "what": noun_of(f.target), **shown}
 
     def snooping(self, found: Snooping, came_back: Arrival) -> Answer:
         """Return the set-aside, readmitted and unresolved observations of data snooping.

@@ -14,12 +14,16 @@ from ..entities import Camera, Key, Parameter, parameter_name
 from ..errors import InputError, Problem, known
 from ..io.csv_tables import FieldRow
 from ..io.json_records import camera_of, observation_of
+from ..io.numbers import Units
 from ..io.observation_fields import ImageAxes, RecordContext
 from ..io.observation_records import record_label
 from ..models.unknown_registry import UNKNOWNS, VariableKind
 from ..network.network import Network
 from ..observations import AnyObservation
 from ..observations.registry import in_image_table
+from ..planning.target_files import target_of
+from ..planning.targets import Target
+from ..units import LENGTH
 
 MAX_LINE_BYTES = 1 << 26
 """Largest length of a line: 64 MB, bytes."""
@@ -188,6 +192,46 @@ def refuse_unwritable_names(fields: Mapping[str, Any]) -> None:
     for member in members if isinstance(members, list) else ():
         if isinstance(member, Mapping):
             refuse_unwritable_names(member)
+
+
+SIGHT_FIELDS = (
+    "points", "targets", "stations", "to", "kinds", "reach", "singly", "sequence", "most"
+)  # fmt: skip
+"""Fields of ``next_sights``."""
+
+
+def sight_query(row: FieldRow, units: Units) -> tuple[list[str | Target], dict[str, Any]]:
+    """Return the targets of ``next_sights``, and its options.
+
+    Raises:
+        InputError: problems of the fields.
+    """
+    names = listed_ids(row, "points", required=False)
+    problems: list[Problem] = []
+
+    def read(fields: Mapping[str, Any]) -> Target:
+        found = target_of(fields, "", problems)
+        if found is None:
+            raise InputError(problems)
+        return found
+
+    targets = records_of_list(row, "targets", read)
+    options: dict[str, Any] = {}
+    for name in ("stations", "to", "kinds"):
+        if name in row:
+            options[name] = listed_ids(row, name)
+    reach, most = row.number("reach", positive=True), row.number("most", positive=True)
+    if reach is not None:
+        options["reach"] = reach * LENGTH[units.length]
+    if most is not None:
+        if most != int(most):
+            row.wrong(f"most must be a whole number, not {most}")
+        options["most"] = int(most)
+    options |= {name: row.flag(name) for name in ("singly", "sequence")}
+    if not row.problems and not (names or targets):
+        row.wrong("give points, whose errors are to become small, or targets")
+    refuse_noted_problems(row)
+    return [*names, *targets], options
 
 
 # -- defaults of the project -----------------------------------------------------------------------

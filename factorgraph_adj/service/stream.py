@@ -41,6 +41,15 @@ such as σ of a new point before the observation, are null.
                       them, such as a wrong height of an instrument: ``most_probable`` and
                       ``undecided``, sentences; ``causes``: ``cause``, ``where``, ``error`` and
                       ``sigma`` (SI), ``t2``, ``dof``, ``critical``, ``ids``; takes adjustments
+``next_sights``       ``points``: names, whose position errors are to become small, or ``targets``:
+                      records as those of [[target]] in a file of wishes; ``stations``, ``to`` and
+                      ``kinds`` limit the candidates, ``reach`` their lengths (unit of lengths);
+                      ``singly``: true takes each reading by itself, ``sequence``: true the sights
+                      one after the other; ``most`` (10). ``sights``, the best first: ``sentence``,
+                      ``name``, ``station``, ``target``, ``kinds``, ``gain``, ``cost``,
+                      ``incomplete`` (a reading says nothing yet), ``figures`` (``item``, ``what``,
+                      ``before_mm``, ``after_mm``); ``examined``, ``figures`` (``now_mm``) and
+                      ``determining``: sights to points that are new
 ``accept``            ``ids``: put suspect or rejected observations into the graph
 ``discard``           ``ids``: discard suspect observations
 ``remove``            ``ids``: remove observations; those that lose their support wait again
@@ -371,6 +380,10 @@ class Stream:
     def _causes(self, row: FieldRow) -> Answer:
         return self.answers.causes(self.adjustment.causes())
 
+    def _next_sights(self, row: FieldRow) -> Answer:
+        targets, options = requests.sight_query(row, self.context.units)
+        return self.answers.next_sights(self.adjustment.next_sights(targets, **options))
+
     def _write(self, row: FieldRow) -> Answer:
         name = row.text("project", required=True)
         overwrite = row.take("overwrite")
@@ -408,6 +421,7 @@ STREAM_COMMANDS: dict[str, StreamCommand] = {
     "rejected": StreamCommand(Stream._rejected),
     "doubts": StreamCommand(Stream._doubts),
     "causes": StreamCommand(Stream._causes),
+    "next_sights": StreamCommand(Stream._next_sights, requests.SIGHT_FIELDS),
     "accept": StreamCommand(Stream._accept, ("ids",)),
     "discard": StreamCommand(Stream._discard, ("ids",)),
     "remove": StreamCommand(Stream._remove, ("ids",)),
