@@ -12,12 +12,17 @@ in iSAM2 they are those of the normal matrix of the rows in the tree.
 Rows B that join, or hold functions as constraints without error, change them again:
 
     Q″ = Q′ − H D⁻¹ Hᵀ,   H = Q′Bᵀ,   D = S + B H   with S = I, or 0 for constraints.
+
+Constraints on a free network determine the motions m that its datum leaves open too, which are new
+unknowns with the rows C = B G: x + G m has, with P and K as above,
+
+    Q″ = Q′ − H P Hᵀ − G K Hᵀ − H Kᵀ Gᵀ + G (Cᵀ D⁻¹ C)⁻¹ Gᵀ.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
 
@@ -221,10 +226,7 @@ class WithRows:
     rows: Array
     """Bᵀ, (n, k)."""
     held: bool = False
-    """Whether they are constraints without error."""
-    free_motions: Array | None = None
-    """Motions that constraints determine, which then leave Q, (n, d)."""
-    _blocks: dict[tuple[str, ...], Array] = field(default_factory=dict)
+    """Whether they are constraints without error, which also determine the open motions."""
 
     @property
     def size(self) -> int:
@@ -241,33 +243,39 @@ class WithRows:
         return self.before.columns(kind, names, width)
 
     @cached_property
-    def _half(self) -> Array:
-        """H L⁻ᵀ with D = L Lᵀ."""
-        h = self._times(self.rows)
-        d = self.rows.T @ h + (0.0 if self.held else np.eye(h.shape[1]))
-        scale = 1.0 / np.sqrt(np.diag(d))
-        root = np.linalg.cholesky(0.5 * (d + d.T) * scale[:, None] * scale)
-        return np.asarray(np.linalg.solve(root, (h * scale).T).T)
-
-    def _times(self, y: Array) -> Array:
-        g = self.free_motions
-        out = self.before.times(y)
-        return out if g is None else out + g @ (g.T @ y)
+    def _change(self) -> tuple[Array, Array]:
+        """M (n, m) and W (m, m) of Q″ = Q′ + M W Mᵀ."""
+        h = self.before.times(self.rows)
+        d = self.rows.T @ h
+        d = 0.5 * (d + d.T)
+        if not self.held:
+            return h, -np.linalg.inv(np.eye(len(d)) + d)
+        g = self.motions
+        c = self.rows.T @ g
+        size = float(np.trace(d)) / max(len(d), 1)
+        # Constraints determine the motions: what is added along these has no effect on P and K.
+        full = d + size * (c @ c.T)
+        scale = 1.0 / np.sqrt(np.diag(full))
+        inverse = np.linalg.inv(full * scale[:, None] * scale) * scale[:, None] * scale
+        if not g.shape[1]:
+            return h, -inverse
+        of_motions = np.linalg.inv(c.T @ inverse @ c)
+        k = of_motions @ c.T @ inverse
+        p = inverse - inverse @ c @ k
+        own = of_motions - size * np.eye(len(of_motions))
+        return np.hstack([h, g]), np.block([[-p, -k.T], [-k, own]])
 
     def times(self, y: Array) -> Array:
         """Return Q y."""
-        return np.asarray(self._times(y) - self._half @ (self._half.T @ y))
+        m, w = self._change
+        return np.asarray(self.before.times(y) + m @ (w @ (m.T @ y)))
 
     def point_blocks(self, names: Sequence[str]) -> Array:
         """Return the cofactors of points."""
+        m, w = self._change
         columns = _stacked(self, names)
-        on = (columns >= 0)[:, :, None]
-        half = np.where(on, self._half[columns], 0.0)
-        out = self.before.point_blocks(names) - half @ half.transpose(0, 2, 1)
-        if self.free_motions is not None:
-            g = np.where(on, self.free_motions[columns], 0.0)
-            out += g @ g.transpose(0, 2, 1)
-        return np.asarray(out)
+        own = np.where((columns >= 0)[:, :, None], m[columns], 0.0)
+        return np.asarray(self.before.point_blocks(names) + own @ w @ own.transpose(0, 2, 1))
 
 
 def _stacked(of: CofactorColumns, names: Sequence[str]) -> Index:

@@ -23,6 +23,7 @@ from ..errors import InputError, Problem
 from ..ledger.ledger import Ledger
 from ..linear_system.cofactor_columns import WithRows
 from ..linear_system.linear_system import LinearSystem
+from ..observations.registry import CONTROL_QUANTITIES
 from ..result_display import Rows, Shown
 from ..solve.solution import Solution
 from ..statistical_tests import POWER_OF_TEST
@@ -119,6 +120,8 @@ class NextSight:
             return f"level from {station} to {target}"
         if station is not None and target is not None:
             return f"aim at {target} from {station} ({kinds})"
+        if first.record.quantity in CONTROL_QUANTITIES:
+            return f"measure {self.candidate.name}"
         return self.candidate.name
 
     def sentence(self, unit: str = "mm") -> str:

@@ -17,7 +17,7 @@ from ..errors import InputError
 from ..graph.blocks import Block
 from ..graph.equations import Equations, compile_rows
 from ..graph.variables import DEFAULT, State
-from ..graph.weights import of_parts, sigma_at
+from ..graph.weights import sigma_at
 from ..ledger.ledger import Ledger
 from ..ledger.row_store import REMOVED
 from ..linear_system.cofactor_columns import CofactorColumns, cofactor_columns
@@ -34,6 +34,7 @@ from ..observations.registry import (
     ObservationKind,
 )
 from ..solve.solution import Solution
+from ..stochastic_model import StandardDeviation
 from ..types import Array, Index
 
 SECOND_TARGETS = ("horizontal angle",)
@@ -185,9 +186,9 @@ class Places:
         if kind not in self._of_kind:
             table = self.equations.unknowns[kind]
             out = np.full(table.free.shape, -1, dtype=np.intp)
-            free = np.flatnonzero(table.free.any(axis=1))
+            free, width = np.flatnonzero(table.free.any(axis=1)), int(table.free.shape[1])
             names = [table.names[i] for i in free.tolist()]
-            out[free] = self.cofactors.columns(kind, names, out.shape[1])
+            out[free] = self.cofactors.columns(kind, names, width)
             self._of_kind[kind] = np.where(table.free, out, -1)
         return self._of_kind[kind]
 
@@ -230,7 +231,7 @@ class Places:
         of_block, row = self.rows_of_templates
         block = self.equations.blocks[int(of_block[numbers[0]])]
         rows = row[numbers]
-        whole, network = block.by_role(), self.equations.network
+        whole = block.by_role()
         ends = {"target": targets} if stations is None else {"target": targets, "station": stations}
         variables = []
         for (kind, index), attribute in zip(whole.variables, whole.named, strict=True):
@@ -243,7 +244,7 @@ class Places:
                 chosen = np.array(own, dtype=np.intp)[ends[attribute]]
             variables.append((kind, chosen))
         ids = [block.ids[i] for i in rows.tolist()]
-        out = replace(
+        return replace(
             whole,
             variables=tuple(variables),
             observed=block.observed[rows],
@@ -254,15 +255,23 @@ class Places:
             constants={k: v[rows] for k, v in block.constants.items()},
             axes=None,
         )
-        parts = np.zeros(block.n, dtype=bool)
-        parts[of_parts(network, block)] = True
-        some = np.flatnonzero(parts[rows])
-        if len(some):
-            observations = [network.observations[ids[i]] for i in some.tolist()]
-            sigma = out.sigma.copy()
-            sigma[some, 0] = sigma_at(network.frame, out.select(some), observations, self.state)
-            out = replace(out, sigma=sigma)
-        return out
+
+    def _weighed(self, block: Block, residual: Array) -> Block:
+        """Return a block with the standard deviations of the lengths of its sights."""
+        network = self.equations.network
+        given = {i: network.observations[i] for i in dict.fromkeys(block.ids)}
+        of_parts = {i for i, o in given.items() if isinstance(o.sigma, StandardDeviation)}  # type: ignore[attr-defined]
+        some = np.array(
+            [i for i, ident in enumerate(block.ids) if ident in of_parts], dtype=np.intp
+        )
+        if not len(some):
+            return block
+        # Some parts take the reading itself as the length.
+        read = replace(block, observed=block.moved(residual)).select(some)
+        sigma = block.sigma.copy()
+        originals = [given[ident] for ident in read.ids]
+        sigma[some, 0] = sigma_at(network.frame, read, originals, self.state)
+        return replace(block, sigma=sigma)
 
     def partials(self, block: Block) -> tuple[Index, list[Array]]:
         """Return the rows of a block that have partials, and these, (k, 1, width) by each role."""
@@ -274,5 +283,6 @@ class Places:
             except InputError:  # sights straight up have no direction
                 rows = np.delete(rows, own.degenerate(frame, self.state))
                 continue
+            own = self._weighed(own, found.residual)
             return rows, [own.whiten(a) for a in found.jacobians]
         return rows, []

@@ -198,9 +198,7 @@ class TargetReader:
             self._wrong(target, "its reference points leave motions of the whole open")
             return None
         if held.shape[1]:
-            scale = np.sqrt(max(float(np.abs(cofactors.point_blocks(names)).max()), 1e-30))
-            open_motions = scale * motions if motions.shape[1] else None
-            cofactors = WithRows(cofactors, held, held=True, free_motions=open_motions)
+            cofactors = WithRows(cofactors, held, held=True)
         known = UnitVariance(1.0, float("inf"))
         items = []
         for i, p in enumerate(points):
