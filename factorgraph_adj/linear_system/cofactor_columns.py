@@ -263,7 +263,8 @@ class WithRows:
         k = of_motions @ c.T @ inverse
         p = inverse - inverse @ c @ k
         own = of_motions - size * np.eye(len(of_motions))
-        return np.hstack([h, g]), np.block([[-p, -k.T], [-k, own]])
+        w: Array = np.asarray(np.block([[-p, -k.T], [-k, own]]), dtype=float)
+        return np.hstack([h, g]), w
 
     def times(self, y: Array) -> Array:
         """Return Q y."""

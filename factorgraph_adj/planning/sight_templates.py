@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import cast
 
 import numpy as np
 
@@ -98,8 +99,7 @@ class SightMemory:
                     assert isinstance(o, Sight)
                     self._levelled = _unless_alike(self._levelled, o)
                 elif part == "position":
-                    assert isinstance(o, ControlPoint)
-                    self._gnss = o
+                    self._gnss = cast("ControlPoint", o)
         self._room, self._seen, self._removed = rows.room, rows.n, removed
         return Templates(self._sights, self._levelled, self._gnss, tuple(self._ends))
 
@@ -134,7 +134,7 @@ def _part_of(record: ObservationKind) -> str:
             return "levelled"
         once = quantity in TOTAL_STATION_QUANTITIES and quantity not in SECOND_TARGETS
         return "sight" if once else ""
-    return "position" if issubclass(cls, ControlPoint) and quantity in CONTROL_QUANTITIES else ""
+    return "position" if record.by_axis and quantity in CONTROL_QUANTITIES else ""
 
 
 @dataclass(frozen=True, eq=False)

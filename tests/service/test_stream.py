@@ -287,6 +287,42 @@ def test_causes_of_misfits_are_told_with_suspects_among_the_readings(yard):
     )
 
 
+def test_next_sights_are_told_in_the_units_of_the_project(yard):
+    answer = yard(do="next_sights", points="C", most=3)
+    found = yard.inc.next_sights("C", most=3)
+    assert answer["examined"] == found.examined
+    assert [s["sentence"] for s in answer["sights"]] == [str(s) for s in found.sights]
+    best, own = answer["sights"][0], found.sights[0]
+    assert best["figures"][0]["before_mm"] == pytest.approx(1e3 * own.figures[0].before)
+    assert best["figures"][0]["after_mm"] == pytest.approx(1e3 * own.figures[0].after)
+    assert best["figures"][0]["what"] == "position error"
+    assert answer["figures"][0]["now_mm"] == pytest.approx(1e3 * own.figures[0].before)
+    assert best["kinds"] == [o.kind for o in own.candidate.observations]
+    wish = {"kind": "redundancy_number", "at_least": 0.9, "observations": ["s1"]}
+    answer = yard(do="next_sights", targets=[wish], stations=["A"], singly=True, reach=100)
+    assert {s["station"] for s in answer["sights"]} == {"A"}
+    assert all(f["after"] > f["before"] for s in answer["sights"] for f in s["figures"])
+    two = yard(do="next_sights", points=["C"], sequence=True, most=2)["sights"]
+    first, second = (s["figures"][0] for s in two)
+    assert second["before_mm"] == pytest.approx(first["after_mm"])
+
+
+@pytest.mark.parametrize(
+    ("fields", "what"),
+    [
+        ({}, "give points"),
+        ({"points": "Q"}, "no point is named like"),
+        ({"points": "C", "most": 1.5}, "whole number"),
+        ({"points": "C", "stations": "C"}, "no station that is set up"),
+        ({"targets": [{"kind": "size"}]}, "unknown kind 'size'"),
+        ({"points": "C", "reach": 0}, "reach"),
+    ],
+)
+def test_faulty_questions_for_sights_are_refused(yard, fields, what):
+    problems = yard.refused({"do": "next_sights", **fields})
+    assert any(what in p["what"] for p in problems)
+
+
 @pytest.mark.parametrize(
     ("kind", "meant"), [("slope_distance", "sigma_mm"), ("zenith_angle", "sigma_mgon")]
 )
