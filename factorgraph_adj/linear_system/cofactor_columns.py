@@ -249,7 +249,7 @@ class WithRows:
         d = self.rows.T @ h
         d = 0.5 * (d + d.T)
         if not self.held:
-            return h, -np.linalg.inv(np.eye(len(d)) + d)
+            return h, np.asarray(-np.linalg.inv(np.eye(len(d)) + d), dtype=float)
         g = self.motions
         c = self.rows.T @ g
         size = float(np.trace(d)) / max(len(d), 1)
