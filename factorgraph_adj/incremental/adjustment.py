@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
-from importlib import import_module
 from pathlib import Path
 from threading import RLock
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ..blas_threads import one_at_a_time, with_one_thread
 from ..entities import Camera, Photo, Point
@@ -30,16 +29,11 @@ from . import commands, retirement, retirement_window
 from .arrival import Arrival
 from .initial_adjustment import initial_state
 from .resumption import RecordedEstimates, resumed
-from .state_queries import StateQueries
+from .sight_queries import SightQueries
 from .worklist import IncrementalState
 
-if TYPE_CHECKING:
-    from ..planning.candidates import Candidate
-    from ..planning.next_sight import NextSights
-    from ..planning.sight_templates import SightMemory
 
-
-class IncrementalAdjustment(StateQueries):
+class IncrementalAdjustment(SightQueries):
     """A network that is adjusted while its observations arrive.
 
     Every observation is predicted from all others and tested before it enters; an observation whose
@@ -116,7 +110,6 @@ class IncrementalAdjustment(StateQueries):
         self._rules = Options(policy, alpha, accuracy, chosen, engine, keep, keep_seconds)
         self._journal: Journal | JournalStore | None = None
         self._solution: tuple[IncrementalState, Solution] | None = None
-        self._sights: SightMemory | None = None
         self.latest = Arrival()
         """Result of the latest command; after `snoop`, the verdicts on what came back."""
         self._copies, self._recorded = CopiedBlocks(), RecordedEstimates()
@@ -171,7 +164,7 @@ class IncrementalAdjustment(StateQueries):
             network.datum = rules.datum
             out._rules, out._lock = rules, RLock()
             out.resumed, out._solution, out._journal = torn, None, None
-            out.latest, out._sights = Arrival(), None
+            out.latest = Arrival()
             out._copies, out._recorded = CopiedBlocks(), RecordedEstimates()
             out._state = resumed(network, header, entries, out._rules, place)
             out._copies.add(out._state.ledger.observations())
@@ -326,56 +319,6 @@ class IncrementalAdjustment(StateQueries):
             InputError: all ids that are not suspects; nothing has changed then.
         """
         self._changed("discard", (commands.discard(self._state, ids), Arrival()))
-
-    @one_at_a_time
-    def next_sights(
-        self,
-        target: Any,
-        candidates: Sequence[Candidate] | Candidate | None = None,
-        *,
-        stations: Sequence[str] | None = None,
-        to: Sequence[str] | None = None,
-        kinds: Sequence[str] | None = None,
-        reach: float | None = None,
-        singly: bool = False,
-        costs: Mapping[str, float] | None = None,
-        most: int = 10,
-        sequence: bool = False,
-    ) -> NextSights:
-        """Return the observations, among those possible now, that gain most for a target.
-
-        Nothing changes; see `factorgraph_adj.planning.next_sight`.
-
-        Args:
-            target: names of points, whose position errors are to become small, or targets of plans.
-            candidates: candidates as of a design, such as photos; None: all sights possible now.
-            stations: names or patterns; None: all that are set up, with levelling and GNSS.
-            to: names or patterns of the points to which sights go; None: all.
-            kinds: kinds of observations; None: all that have been observed.
-            reach: largest length of a sight, metres; None: that of the longest sight so far.
-            singly: whether each reading is a sight of its own, not all of a station together.
-            costs: cost of a reading of each kind, such as seconds, for the gain per cost.
-            most: largest number of sights.
-            sequence: whether each sight is the best after those before it.
-
-        Raises:
-            InputError: nothing is in the graph; invalid targets, candidates or options.
-        """
-        if self._state.system is None:
-            raise InputError("nothing is determined yet: no sight can be judged")
-        module = import_module("factorgraph_adj.planning.next_sight")
-        memory = self._sights = self._sights or module.SightMemory()
-        found: NextSights = module.next_sights(
-            self._state.ledger,
-            self._state.system,
-            self.solution,
-            target,
-            candidates,
-            alpha=self._rules.alpha,
-            choice=module.SightChoice(stations, to, kinds, reach, singly, costs, most, sequence),
-            memory=memory,
-        )
-        return found
 
     @one_at_a_time
     def snoop(self, /, **options: Any) -> Snooping:
