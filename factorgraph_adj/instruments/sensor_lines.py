@@ -222,8 +222,11 @@ class SensorLines:
             return [_flat(row) for row in rows]
         if not self.columns:
             raise InputError("the line is no JSON object, and columns of CSV are not stated")
-        (fields,) = csv.reader([text], delimiter=self.separator)
-        fields = [field.strip() for field in fields]
+        try:
+            (row,) = csv.reader([text], delimiter=self.separator)
+        except (csv.Error, ValueError) as error:  # it has no row, or several
+            raise InputError(f"the line is no row of CSV: {error}") from None
+        fields = [field.strip() for field in row]
         if fields == self.columns:
             return []
         if len(fields) != len(self.columns):
