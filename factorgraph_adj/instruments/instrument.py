@@ -11,7 +11,8 @@ from __future__ import annotations
 import hashlib
 import time as clock
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
+from contextlib import closing
 from dataclasses import fields, replace
 from threading import Event
 from typing import Any
@@ -252,7 +253,7 @@ class Instrument:
 
     # -- a thread ---------------------------------------------------------------------------------
 
-    def postings(self, stop: Event) -> Iterator[Posting | None]:
+    def postings(self, stop: Event) -> Generator[Posting | None]:
         """Yield postings as lines come, None while nothing does, until ``stop`` is set."""
         for line in self.source.lines(stop, self.health):
             yield from self.pause(clock.time()) if line is None else self.take(line)
@@ -271,15 +272,26 @@ class Instrument:
         """
         waiting: deque[Posting] = deque()
         again = 0.0
-        for found in self.postings(stop):
-            waiting += [found] if found is not None else []
-            while waiting and clock.monotonic() >= again:
-                if not self._post(post, waiting[0]):
+        # A source that keeps what is not posted is asked for more only when all of it is.
+        keeps = getattr(self.source, "keeps_lines", False)
+        with closing(self.postings(stop)) as postings:
+            for found in postings:
+                waiting += [found] if found is not None else []
+                while waiting and (clock.monotonic() >= again or keeps):
+                    if keeps and stop.wait(max(0.0, again - clock.monotonic())):
+                        break
+                    if self._post(post, waiting[0]):
+                        waiting.popleft()
+                        continue
                     again = clock.monotonic() + RETRY_S
+                    if not keeps:
+                        break
+                if keeps and waiting:  # they come again
+                    waiting = deque(self.finish())
                     break
-                waiting.popleft()
         while waiting and self._post(post, waiting[0]):
             waiting.popleft()
+        self.health.set_state("stopped")
 
     def _post(self, post: Callable[[Posting], object], posting: Posting) -> bool:
         """Return whether a posting is done with."""

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from threading import Event
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 from urllib.parse import parse_qsl, urlsplit
 
 from ..errors import InputError, known, similar, system_reason
@@ -38,7 +38,11 @@ _END = re.compile(rb"[\r\n]")
 
 
 class LineSource(Protocol):
-    """Where the lines of an instrument come from."""
+    """Where the lines of an instrument come from.
+
+    One that has ``keeps_lines = True`` keeps those after the last that was asked for, also when the
+    program ends.
+    """
 
     def lines(self, stop: Event, health: Health) -> Iterator[ReceivedLine | None]:
         """Yield lines, or None where nothing came, until ``stop`` is set."""
@@ -94,6 +98,7 @@ class FileSource:
     observed once. A file that is not there yet is waited for.
     """
 
+    keeps_lines: ClassVar[bool] = True
     path: Path
     """The file."""
     follow: bool = True

@@ -20,11 +20,14 @@ a connection is made, and stand in no message, log or repr.
 
 **Delivery.** Subscriptions have QoS 1 and the session is persistent: what is published with QoS 1
 while this source is away comes when it is back, as far as the broker keeps it. A message is
-acknowledged after its lines were processed, that is, when the source is asked for more: a message
-that was taken, but not processed before the process ended, comes again. A message that comes again
-because the connection broke before its acknowledgement is recognised by its identifier and passed
-over. Retained messages, which a broker sends at every subscription, are passed over as well: they
-are old. A broken connection is made again, after 1 s, then twice as long each time, up to a minute.
+acknowledged after its lines were processed and what they came to was posted, that is, when the
+source is asked for more: a message that was taken, but not posted before the process ended, comes
+again, and is recorded once if its lines have times. What waits in memory for a set or an average
+that is not complete is lost; ``post = "sights"`` and ``average = 0`` keep nothing. A message that
+comes again because the connection broke before its acknowledgement is recognised by its identifier
+and passed over. Retained messages, which a broker sends at every subscription, are passed over as
+well: they are old. A broken connection is made again after 1 s, then twice as long each time up to
+a minute.
 
 **Payload.** UTF-8 text; a JSON object or array is one line, and of other text each line is one. The
 topic is the channel of the line. More than `MAX_PAYLOAD_BYTES` is refused.
@@ -46,7 +49,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from queue import Empty, Full, Queue
 from threading import Event
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 from urllib.parse import unquote, urlsplit
 
 from ..errors import InputError, known, system_reason
@@ -280,6 +283,7 @@ def lines_of_payload(payload: bytes) -> list[bytes]:
 class MqttSource:
     """Topics of a broker, see the module."""
 
+    keeps_lines: ClassVar[bool] = True
     address: MqttAddress
     _queue: Queue[_Message] = field(init=False, repr=False)
     """Messages that wait."""

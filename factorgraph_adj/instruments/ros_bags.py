@@ -46,7 +46,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Event
-from typing import Any, Literal, get_args
+from typing import Any, ClassVar, Literal, get_args
 from urllib.parse import parse_qsl
 
 import numpy as np
@@ -82,6 +82,7 @@ class RosMessage:
 class RosbagSource:
     """A bag, read once."""
 
+    keeps_lines: ClassVar[bool] = True
     path: Path
     topics: tuple[str, ...] = ()
     """Topics that are read; none: all."""

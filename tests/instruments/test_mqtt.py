@@ -9,6 +9,7 @@ from threading import Event, Thread
 import pytest
 
 from factorgraph_adj.errors import InputError
+from factorgraph_adj.instruments import Instrument, read_instruments
 from factorgraph_adj.instruments.health import Health
 from factorgraph_adj.instruments.mqtt import (
     MqttSource,
@@ -120,6 +121,58 @@ def test_a_message_that_was_not_processed_comes_again(tmp_path):
             until(lambda: len(again.lines) >= 2, "lines are missing")
             time.sleep(0.3)
         assert again.texts() == ["1", "2"]
+
+
+@needs_mosquitto
+def test_what_cannot_be_posted_is_not_acknowledged(tmp_path, monkeypatch):
+    """The database is away while readings come; then the process ends, and another one begins."""
+    monkeypatch.setattr("factorgraph_adj.instruments.instrument.RETRY_S", 0.05)
+    with Mosquitto(tmp_path) as broker:
+        address = mqtt_address(f"mqtt://127.0.0.1:{broker.port}/t")
+        table = {
+            "name": "extensometer",
+            "network": "dam",
+            "source": f"mqtt://127.0.0.1:{broker.port}/t",
+            "grammar": "sensor-lines",
+            "observations": [
+                {
+                    "kind": "slope_distance",
+                    "station": "A",
+                    "target": "B",
+                    "value": "$d",
+                    "unit": "m",
+                    "sigma_mm": 1,
+                }
+            ],
+        }
+        (settings,) = read_instruments([table], where="site.toml")
+        posted, away = [], [True]
+
+        def post(posting):
+            if away[0]:
+                raise ConnectionError("the database is away")
+            posted.append(float(posting.record["observations"][0]["value"]))
+
+        def run(condition):
+            instrument, stop = Instrument(settings), Event()
+            thread = Thread(target=instrument.run, args=(post, stop))
+            thread.start()
+            try:
+                until(lambda: condition(instrument.health), "did not happen")
+            finally:
+                stop.set()
+                thread.join(PATIENCE_S)
+            assert not thread.is_alive()
+            return instrument.health
+
+        run(lambda health: health.state == "receiving")
+        for i in range(30):
+            publish(address, f'{{"d": {i}}}')
+        health = run(lambda health: health.counts["not_posted"] >= 3)
+        assert health.counts["lines"] == 1  # the others wait at the broker
+        away[0] = False
+        run(lambda health: len(posted) >= 30)
+        assert posted == list(range(30))
 
 
 @needs_mosquitto
