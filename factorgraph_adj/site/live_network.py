@@ -305,9 +305,8 @@ class LiveNetwork:
                 batch.requests.append(row)
             if time > self._clock[0]:
                 self._clock = time, clock.monotonic()
-            batch.events.append(
-                ("arrival", {"epoch": epoch.number, "do": do, "time": time} | answer)
-            )
+            about = {"epoch": epoch.number, "do": do, "time": time, "by": task.who}
+            batch.events.append(("arrival", about | _named(task.record) | answer))
             if do != "add":
                 batch.actions.append(_action(task, str(do), task.record))
         elif not answer["ok"] and do == "add":
@@ -462,6 +461,12 @@ class LiveNetwork:
             for statement in batch.statements:
                 connection.execute(statement)
         self.away = ""
+
+
+def _named(record: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the ids that a command names: an answer does not say what was removed."""
+    ids = record.get("ids", record.get("id") if record.get("do") == "replace" else None)
+    return {} if ids is None else {"ids": [ids] if isinstance(ids, str) else ids}
 
 
 def _action(task: _Task, action: str, data: Mapping[str, Any]) -> dict[str, Any]:

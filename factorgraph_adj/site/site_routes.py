@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import time as clock
 from collections.abc import AsyncIterator
@@ -10,6 +11,8 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Body, Header, Query, Request, Response
 from fastapi.responses import StreamingResponse
 
+from ..observations.registry import KINDS
+from ..report.catalogue import TEXTS_BY_LANGUAGE, Texts
 from .access import RIGHTS
 from .dependencies import COOKIE, Manager, Reader, TheSite
 from .event_log import HEARTBEAT_SECONDS, Event
@@ -29,7 +32,15 @@ def the_site(site: TheSite, caller: Reader) -> Answer:
         "networks": [summary_of(live) for live in site.networks.values()],
         "tokens": not site.access.open,
         "beat_s": HEARTBEAT_SECONDS,
+        "kinds": kind_names(),
     }
+
+
+@functools.cache
+def kind_names() -> dict[str, dict[str, str]]:
+    """Return the names of the kinds of observations in all languages, as reports have them."""
+    texts = [Texts(code) for code in TEXTS_BY_LANGUAGE]
+    return {kind: {t.language: t.kind(kind.replace("_", " ")) for t in texts} for kind in KINDS}
 
 
 @site_router.get("/health")

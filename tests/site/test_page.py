@@ -19,6 +19,11 @@ NAMELESS = """() => [...document.querySelectorAll('button, a, input, select, can
     || [...(e.labels ?? [])].some(l => l.textContent.trim())))
   .map(e => e.outerHTML)"""
 """Controls without a name for a screen reader."""
+UNCOVERED = """() => [...document.querySelectorAll('.banner:not([hidden]), main h1, .light h2')]
+  .filter(e => { const b = e.getBoundingClientRect();
+    return !e.contains(document.elementFromPoint(b.left + 4, b.top + b.height / 2)); })
+  .map(e => e.outerHTML)"""
+"""Titles and banners that something else covers."""
 WIDER = "() => document.documentElement.scrollWidth - innerWidth"
 
 
@@ -80,6 +85,7 @@ def test_every_view_is_quiet_named_and_as_wide_as_the_screen(
             v.holds("() => !/ …$/m.test(document.querySelector('#view').innerText.trim())")
             assert v.page.evaluate(NAMELESS) == [], place
             assert v.page.evaluate(WIDER) <= 0, place
+            assert v.page.evaluate(UNCOVERED) == [], place
             assert "⟨" not in v.page.evaluate("document.body.innerText"), place
             assert v.page.locator("h1").count() == 1
         assert v.complaints == []
@@ -126,6 +132,7 @@ def test_the_light_says_why(browser, server):
         site.raise_alarm()
         v.sees(".light.alarm", "crest: displacement of D3, D4")
         assert v.page.title().startswith("⚠")
+        assert v.page.evaluate(UNCOVERED) == []
         v.holds("() => /crest/.test(document.getElementById('say-alarm').textContent)")
         assert v.page.locator("#say-alarm").get_attribute("role") == "alert"
         assert row["id"] in site.networks["small"].observations

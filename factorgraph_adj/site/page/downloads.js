@@ -26,7 +26,7 @@ function tokens(root, signal) {
         { title: t("name"), value: (k) => k.name }, { title: t("role"), value: (k) => t(`role_${k.role}`) },
         { title: t("created"), value: (k) => k.created, text: (k) => stamp(k.created), node: (k) => moment(k.created), later: true },
         { title: t("last_used"), value: (k) => k.last_used, text: (k) => stamp(k.last_used), node: (k) => moment(k.last_used) },
-        { title: t("remove"), value: () => "", node: (k) => { const cell = h("div"); cell.append(button(t("remove"), () => remove(k, cell), { "aria-label": `${t("remove")}: ${k.name}` })); return cell; } },
+        { title: t("remove"), plain: true, value: () => "", node: (k) => { const cell = h("div"); cell.append(button(t("remove"), () => remove(k, cell), { "aria-label": `${t("remove")}: ${k.name}` })); return cell; } },
       ],
     });
     if (!table.node.isConnected) fill(box.body, tools, made, table.node);

@@ -220,7 +220,8 @@ async function fillLog() {
     for (const e of [...found, ...mine]) take({ id: e.id, event: e.event, data: e.data }, false);
     context.log.sort((a, b) => Number(a.id) - Number(b.id));
     const newest = context.log.at(-1)?.id;
-    if (newest && (lastId === null || Number(newest) > Number(lastId))) lastId = newest;
+    // What comes between this reading and the connection is not missed, also where the log was empty.
+    if (lastId === null || Number(newest ?? 0) > Number(lastId)) lastId = newest ?? "0";
     emit("log");
   } catch { /* an older service has no log: the list begins with what comes */ }
 }

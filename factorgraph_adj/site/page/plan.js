@@ -8,6 +8,7 @@ const CHEAP = 12; // ms that a frame may take to be drawn while the plan moves
 const MOST_LABELS = 400, NEAR = 16;
 const MOST_SIGHTS = 5000; // lines in the window; of more that fit or are untested, an even choice is drawn
 const BATCH = 400; // shapes of one path: long paths are slow to fill and stroke
+const LEAST_APART = 14; // pixels between points below which ordinary ones have no names
 const LEAST_ELLIPSE = 2.5; // pixels; smaller ones say nothing
 const AROUND = 28;
 const NICE = [1, 2, 5];
@@ -65,12 +66,14 @@ export class Plan {
     const name = this.chosen >= 0 ? this.points.names[this.chosen] : null;
     const first = !this.points.names.length;
     this.points = p;
+    this.bounds = null;
     this.chosen = name === null ? -1 : p.index.get(name) ?? -1;
     if (first && n) { this.fit(); this.factor = this.autoFactor(); }
     this.redraw();
   }
 
   move(rows) {
+    this.bounds = null;
     for (const { name, x, y } of rows) {
       const i = this.points.index.get(name);
       if (i !== undefined) { this.points.x[i] = x; this.points.y[i] = y; }
@@ -106,6 +109,7 @@ export class Plan {
   at(i) { return i >= 0 ? [this.points.x[i], this.points.y[i]] : [this.photos[-1 - i].x, this.photos[-1 - i].y]; }
 
   setPhotos(photos) {
+    this.bounds = null;
     this.photos = photos;
     this.photoIndex = new Map(photos.map((p, i) => [p.name, i]));
     this.redraw();
@@ -113,14 +117,18 @@ export class Plan {
 
   setVectors(vectors) { this.vectors = vectors; this.redraw(); }
 
+  // Mean distance between neighbours on the screen.
+  apart() {
+    const [low, high] = this.limits(), area = (high[0] - low[0]) * (high[1] - low[1]);
+    return area > 0 ? this.k * Math.sqrt(area / this.points.names.length) : Infinity;
+  }
+
   autoFactor() {
     const sizes = [...this.points.a].filter((a) => a > 0).sort((a, b) => a - b);
     if (!sizes.length) return 1000;
     const middle = sizes[Math.floor(sizes.length * 0.7)];
     // Of many points, ellipses stay smaller than the distance to the next.
-    const [low, high] = this.limits(), area = (high[0] - low[0]) * (high[1] - low[1]);
-    const apart = area > 0 ? 0.55 * this.k * Math.sqrt(area / this.points.names.length) : Infinity;
-    return Math.max(niceBelow(Math.min(26, apart) / (this.k * middle)), 1);
+    return Math.max(niceBelow(Math.min(26, Math.max(0.55 * this.apart(), 5)) / (this.k * middle)), 1);
   }
 
   // -- window -----------------------------------------------------------------------------------
@@ -135,7 +143,8 @@ export class Plan {
     this.draw();
   }
 
-  limits() {
+  limits() { return (this.bounds ??= this.extent()); }
+  extent() {
     const low = [Infinity, Infinity], high = [-Infinity, -Infinity];
     const take = (x, y) => { low[0] = Math.min(low[0], x); low[1] = Math.min(low[1], y); high[0] = Math.max(high[0], x); high[1] = Math.max(high[1], y); };
     this.points.x.forEach((x, i) => take(x, this.points.y[i]));
@@ -377,7 +386,7 @@ export class Plan {
   }
 
   drawPoints() {
-    const g = this.g, { x, y, look } = this.points, many = x.length > 3000, r = many ? 1.6 : 3.2;
+    const g = this.g, { x, y, look } = this.points, many = x.length > 3000, apart = this.apart(), r = Math.min(Math.max(0.22 * apart, 0.8), 3.2);
     const small = [], paths = { object: new Path2D(), reference: new Path2D(), fixed: new Path2D() };
     for (let i = 0; i < x.length; i++) {
       const [u, v] = this.toScreen(x[i], y[i]);
@@ -465,6 +474,7 @@ export class Plan {
     if (this.chosen >= 0) one(this.chosen);
     for (const d of this.vectors) if (d.moved) { const i = this.points.index.get(d.name); if (i !== undefined && i !== this.chosen) one(i); }
     for (let i = 0; i < x.length; i++) if (look[i] !== "object" && i !== this.chosen) one(i);
+    if (this.apart() < LEAST_APART) return;
     for (let i = 0; i < x.length && drawn < MOST_LABELS; i++) if (look[i] === "object" && i !== this.chosen) one(i);
   }
 

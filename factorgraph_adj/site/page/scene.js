@@ -54,14 +54,14 @@ export async function scene(root, signal) {
       ...classes.map((pairs, i) => pairs.length && lines(pairs, t(`sight_${SIGHTS[i].key}`), SIGHTS[i].colour, i === 2 ? 4 : 1.5, dashes[i])),
       rays.length && lines(rays, t("rays"), "photo", 1.2, "dot"),
       found.photos.length && marks(found.photos, t("photos"), "photo", "square", 4),
-      marks(found.points.filter((p) => !p.fixed), t("points"), "point", "circle", many ? 1.6 : 3.5),
+      marks(found.points.filter((p) => !p.fixed), t("points"), "point", "circle", many ? 1.6 : found.points.length > 100 ? 2.2 : 3.5),
       marks(found.points.filter((p) => p.fixed), t("legend_fixed"), "held", "diamond", 4),
     ].filter(Boolean);
     const title = (text) => axis({ title: { text }, backgroundcolor: "rgba(0,0,0,0)", tickformat: ".10~f" });
     return { data, layout: {
       margin: { l: 0, r: 0, t: 0, b: 0 }, uirevision: "scene", legend: { orientation: "h", y: 0, bgcolor: colour("page") },
       scene: {
-        camera: { eye: div.clientWidth < div.clientHeight ? { x: 1.6, y: -2.3, z: 1.3 } : { x: 1.1, y: -1.5, z: 0.9 } }, aspectmode: "manual",
+        camera: { eye: div.clientWidth < div.clientHeight ? { x: 1.35, y: -1.95, z: 1.1 } : { x: 1.1, y: -1.5, z: 0.9 } }, aspectmode: "manual",
         aspectratio: { x: Math.max(1.6 * span[0] / most, 0.08), y: Math.max(1.6 * span[1] / most, 0.08), z: Math.max(1.6 * span[2] * times.factor / most, 0.08) },
         xaxis: title("x"), yaxis: title("y"), zaxis: title("z"),
       },

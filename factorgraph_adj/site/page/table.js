@@ -27,8 +27,8 @@ export class Table {
     const search = h("input", { type: "search", placeholder: t("table_search"), "aria-label": `${t("table_search")}: ${caption}`, on: { input: () => { this.search = search.value; this.page = 0; this.draw(); } } });
     this.bar = h("div", { class: "row" }, filters && search, this.told, this.back, this.forth);
     this.body = h("tbody");
-    this.heads = columns.map((c) => h("th", { scope: "col", class: [c.number && "number", c.later && "later"].filter(Boolean).join(" "), "aria-sort": "none" },
-      button(c.title, () => this.sortBy(c), { title: t("table_sort") })));
+    this.heads = columns.map((c) => h("th", { scope: "col", class: [c.number && "number", c.later && "later"].filter(Boolean).join(" "), "aria-sort": c.plain ? null : "none" },
+      c.plain ? c.title : button(c.title, () => this.sortBy(c), { title: t("table_sort") })));
     const line = filters && h("tr", { class: "filters" }, columns.map((c) => h("td", { class: c.later ? "later" : null }, h("input", {
       type: "search", "aria-label": `${t("table_filter")}: ${c.title}`, title: t("table_filter_help"),
       on: { input: (e) => { e.target.value ? this.asked.set(c, asked(e.target.value)) : this.asked.delete(c); this.page = 0; this.draw(); } },
@@ -86,7 +86,7 @@ export class Table {
       const again = [...this.body.rows].find((r) => r.dataset.name === focused);
       if (again) { for (const r of this.body.rows) r.tabIndex = -1; again.tabIndex = 0; again.focus({ preventScroll: true }); }
     }
-    this.heads.forEach((head, i) => head.setAttribute("aria-sort", this.sort?.column === this.columns[i] ? (this.sort.sign > 0 ? "ascending" : "descending") : "none"));
+    this.heads.forEach((head, i) => this.columns[i].plain || head.setAttribute("aria-sort", this.sort?.column === this.columns[i] ? (this.sort.sign > 0 ? "ascending" : "descending") : "none"));
     const told = rows.length ? t("table_rows", { from: from + 1, to: from + shown.length, n: rows.length }) : "";
     if (this.told.textContent !== told) this.told.textContent = told;
     this.back.hidden = this.forth.hidden = pages < 2;

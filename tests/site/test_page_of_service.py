@@ -1,0 +1,166 @@
+"""The page of a site with the service itself: the yard, its observations and its epochs."""
+
+from __future__ import annotations
+
+import json
+import socket
+import threading
+from time import sleep
+from urllib.request import Request, urlopen
+
+import pytest
+
+pytest.importorskip("fastapi", reason="the service of a site needs the extra serve")
+pytest.importorskip("uvicorn", reason="the service of a site needs the extra serve")
+
+from factorgraph_adj.site.api import application
+from factorgraph_adj.site.site import Site
+from factorgraph_adj.site.site_file import read_site
+from tests.networks.yard import ARRIVALS, WRONG
+from tests.site.browsers import PHONE, visit
+from tests.support.pages import chromium
+from tests.support.sites import ADDRESS, yard_site
+
+
+class YardServer:
+    """The yard, served on a port; it can be stopped and started again."""
+
+    def __init__(self, folder) -> None:
+        self.folder = yard_site(folder)
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            self.port = probe.getsockname()[1]
+        self.start()
+
+    @property
+    def url(self) -> str:
+        return f"http://127.0.0.1:{self.port}/"
+
+    def start(self) -> None:
+        import uvicorn
+
+        app = application(Site(read_site(self.folder)))
+        config = uvicorn.Config(app, host="127.0.0.1", port=self.port, log_level="critical")
+        config.timeout_graceful_shutdown = 0
+        config.ws = "none"
+        self.server = uvicorn.Server(config)
+        self.thread = threading.Thread(target=self.server.run, daemon=True)
+        self.thread.start()
+        while not self.server.started:
+            assert self.thread.is_alive(), "the server did not start"
+            sleep(0.01)
+
+    def stop(self) -> None:
+        self.server.should_exit = True
+        self.thread.join()
+
+    def post(self, *postings: dict) -> list[dict]:
+        """Post, as an instrument does."""
+        data = json.dumps(list(postings)).encode()
+        asked = Request(
+            f"{self.url.rstrip('/')}{ADDRESS}/postings",
+            data,
+            {"Content-Type": "application/json"},
+        )
+        with urlopen(asked) as answer:
+            return json.load(answer)
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium() as found:
+        yield found
+
+
+@pytest.fixture
+def yard(tmp_path):
+    made = YardServer(tmp_path)
+    yield made
+    made.stop()
+
+
+def _go(v, place):
+    v.go(place, network="yard")
+
+
+def test_verdicts_of_the_service_are_seen_and_decided(browser, yard):
+    with visit(browser, yard) as one, visit(browser, yard, size=PHONE, language="de-DE") as two:
+        for v in (one, two):
+            _go(v, "verdicts")
+        yard.post(*ARRIVALS)
+        for v in (one, two):
+            v.sees("#view li.accepted")
+        (answer,) = yard.post(WRONG)
+        assert answer["verdict"] == "rejected"
+        mine = f"[data-id='{answer['id']}']"
+        for v in (one, two):
+            v.sees(f"{mine}[data-verdict=rejected]")
+        one.sees(f"{mine} .why", "exceeds 1")
+        two.sees(f"{mine} .why", "überschreitet 1")
+        two.sees(f"{mine} .note", "Schrägstrecke")
+        one.page.locator(f"{mine} [data-act=accept]").click()
+        one.sees("#say", "is accepted")
+        two.sees(f"{mine}[data-now=accepted]")
+        two.page.locator(f"{mine} [data-act=remove]").first.click()
+        two.press("Entfernen", within="dialog")
+        two.sees("#say", "ist entfernt")
+        one.sees(f"{mine}[data-now=gone]")
+        assert one.complaints == two.complaints == []
+
+
+def test_every_view_of_the_service_is_quiet(browser, yard):
+    yard.post(*ARRIVALS, WRONG)
+    with visit(browser, yard) as v:
+        v.sees("[data-figure=observations] dd", str(len(ARRIVALS)))
+        _go(v, "plan")
+        v.holds("() => planForTests.points.names.includes('C')")
+        v.holds("() => planForTests.points.a[planForTests.points.index.get('C')] > 0")
+        v.holds("() => planForTests.sights.some(s => s.length > 0)")
+        _go(v, "verdicts/rejected")
+        v.sees("#view li.rejected")
+        _go(v, "verdicts/causes")
+        v.sees("#view ol, #view .note")
+        _go(v, "points")
+        v.sees("tr[data-name=C]")
+        _go(v, "points/C")
+        v.sees("[data-figure=x] dd", "σ")
+        v.sees("#view li.accepted [data-act=replace]")
+        _go(v, "epochs")
+        v.press("End the present epoch")
+        v.press("End the present epoch", within="dialog")
+        v.sees("tbody tr", "closed")
+        v.page.locator("tbody tr a").first.click()
+        v.sees("#view dd", "closed")
+        _go(v, "instruments")
+        v.sees("#view", "No instrument is connected")
+        _go(v, "downloads")
+        with v.page.expect_download() as waiting:
+            v.page.get_by_role("link", name="results.json", exact=True).click()
+        assert json.loads(waiting.value.path().read_text(encoding="utf-8"))
+        assert [s for s in v.complaints if "Content Security" in s or "error" in s] == []
+
+
+def test_a_value_is_replaced_in_the_service(browser, yard):
+    yard.post(*ARRIVALS)
+    with visit(browser, yard, at="#/yard/points/C") as v:
+        v.page.locator("#view li.accepted [data-act=replace]").first.click()
+        field = v.page.locator("dialog input[name=value]")
+        value = float(field.input_value())
+        field.fill(f"{value + 0.0001:.4f}")
+        v.press("Replace", within="dialog")
+        v.sees("#say", "is replaced")
+
+
+def test_a_service_that_was_away_is_caught_up_with(browser, yard):
+    with visit(browser, yard) as v:
+        _go(v, "verdicts")
+        yard.post(*ARRIVALS)
+        v.sees("#view li.accepted")
+        before = v.page.locator("#view li.accepted").count()
+        yard.stop()
+        v.sees(".banner", "Connection lost since")
+        yard.start()
+        (answer,) = yard.post(WRONG)
+        v.sees(f"[data-id='{answer['id']}'][data-verdict=rejected]")
+        v.page.wait_for_selector(".banner", state="hidden")
+        assert v.page.locator("#view li.accepted").count() == before
