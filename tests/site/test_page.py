@@ -460,7 +460,7 @@ def test_a_token_is_asked_for_and_a_lost_session_too(browser, guarded):
         v.go("more")
         v.sees("#view", "Your role: surveyor")
         del guarded.site.tokens["surveyor-token"]
-        v.go("points")
+        v.page.evaluate("location.hash = '#/small/points'")
         v.sees(".problem", "session has ended")
         _enter(v, "viewer")
         v.go("more")
