@@ -68,6 +68,7 @@ from .options import (
 OPTIONS_OF_WHOLE_NETWORK = (
     *("snoop", "robust", "variance_components", "ellipses", "relative", "between", "rows"),
     *("test", "sidak", "report", "language", "export", "check_sigma"),
+    "protection_levels",
 )
 """Options of a network that is adjusted as a whole."""
 MAX_ITERATIONS_OF_PARTS = 100
@@ -209,6 +210,20 @@ def add_adjust(run: argparse.ArgumentParser) -> None:
         help="error ellipses of points and ellipsoids of projection centres, such as 0.95",
     )
     run.add_argument(
+        "--protection-levels",
+        type=probability,
+        metavar="RISK",
+        help="bounds of the errors of points that undetected gross errors exceed with this "
+        "probability at most, such as 0.001",
+    )
+    run.add_argument(
+        "--faults",
+        type=int,
+        choices=(1, 2),
+        default=2,
+        help="number of gross errors up to which protection levels hold (2)",
+    )
+    run.add_argument(
         "--check-sigma",
         type=check_sigma,
         metavar="S|H,V",
@@ -346,6 +361,7 @@ def _refuse_options(options: argparse.Namespace) -> None:
             "--robust": options.robust,
             "--variance-components": options.variance_components,
             "--ellipses": options.ellipses,
+            "--protection-levels": options.protection_levels,
             "--relative": options.relative,
             "--between": options.between,
         }
@@ -381,6 +397,8 @@ def _adjust(options: argparse.Namespace) -> int:
             confidence=options.ellipses,
             relative=requested_lines(options, found.project.network),
             survey=options.check_sigma,
+            protection_risk=options.protection_levels,
+            faults=options.faults,
         ),
         Provenance(
             found.snooping,
@@ -389,6 +407,7 @@ def _adjust(options: argparse.Namespace) -> int:
             run_description(options, found.project),
         ),
     )
+    _ = report.protection_levels  # refused before anything is written
     with one_transaction():
         write_exports(report, options)
         if options.out is not None:

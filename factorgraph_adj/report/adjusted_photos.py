@@ -15,7 +15,8 @@ from ..solve.solution import Solution
 from ..units import decimal_angle
 from .adjusted_coordinates import NOT_AT_A_MINIMUM, region_factor, rounded_azimuth
 from .adjusted_points import has_values
-from .adjustment_report import PoseFigures, Report
+from .adjustment_report import Report
+from .exterior_orientations import PoseFigures
 from .geodetic_coordinates import grid_photo_columns
 from .layout import decimals, percent, table, title
 from .tables import (

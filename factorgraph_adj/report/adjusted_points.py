@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
-from math import isfinite, nan, sqrt
+from math import isfinite, isinf, nan, sqrt
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from ..columns import Columns
 from ..frames import GeocentricFrame, LocalFrame
 from ..quality.point_precision import CheckPoints
 from ..quality.point_precision import check_points as compare
+from ..quality.protection_levels import FIGURES, ProtectionLevels
 from ..solve.solution import Solution
 from ..types import Array, Index, Mask
 from .adjusted_coordinates import (
@@ -51,6 +52,8 @@ COVARIANCE_PAIRS = {
     "zz": (2, 2),
 }
 """Rows and columns of the covariance of a point, in the order of files."""
+PROTECTION_SYMBOLS = ("Lx", "Ly", "Lz", "Lh", "Lv", "L")
+"""Symbols of protection levels, in the order of `FIGURES`."""
 
 
 @dataclass(frozen=True)
@@ -163,6 +166,7 @@ def _precision(
     yield from geographic_columns(report, digits)
     yield from grid_columns(report)
     yield from _regions(report, places)
+    yield from _protection(report, places)
     free = report.solution.equations.unknowns["point"].free
     for i, a in enumerate("xyz"):
         yield Column(title=f"held_{a}", value=FiguresByNumber(~free[:, i]), only=("frame",))
@@ -220,6 +224,89 @@ def _regions(report: Report, places: int) -> Iterator[Column[AdjustedPoint]]:
     yield Column(title="ellipse", value=record, only=("json",))
 
 
+def _protection(report: Report, places: int) -> Iterator[Column[AdjustedPoint]]:
+    """Return protection levels and the observations that make them, if they are asked for."""
+    found = report.protection_levels
+    if found is None:
+        return
+    flat = _only_heights(report)
+    unit = Unit(report.units.sigma_length, report.small)
+    for f, (figure, symbol) in enumerate(zip(FIGURES, PROTECTION_SYMBOLS, strict=True)):
+        levels = found.levels[:, f]
+        shown = figure == "vertical" if flat else figure in ("horizontal", "vertical", "space")
+
+        def words(row: AdjustedPoint, levels: Array = levels) -> str | None:
+            if not report.free("point", row.name):
+                return ""
+            return "∞" if isinf(levels[row.number]) else None
+
+        yield Column(
+            title=symbol,
+            key=f"protection_{figure}",
+            value=FiguresByNumber(levels),
+            unit=unit,
+            digits=places,
+            suffix=True,
+            shown=words,
+            help="protection",
+            only=(*READ, "csv") if shown else ("csv",),
+        )
+
+    def weakest(row: AdjustedPoint) -> str | None:
+        mode = found.weakest(row.name, "space")
+        return None if mode is None else ", ".join(mode.ids)
+
+    def record(row: AdjustedPoint) -> dict[str, Any]:
+        levels = found.levels[row.number].tolist()
+        mode = found.weakest(row.name, "space")
+        return {
+            "risk": found.risk,
+            "faults": found.faults,
+            "accepted": found.accepted,
+            **{f: v if isfinite(v) else None for f, v in zip(FIGURES, levels, strict=True)},
+            "weakest": [] if mode is None else list(mode.ids),
+        }
+
+    yield Column(
+        title="weakest",
+        key="protection_weakest",
+        value=weakest,
+        help="weakest",
+        only=("html", "csv"),
+    )
+    yield Column(title="protection", value=record, only=("json",))
+
+
+def _protection_words(report: Report) -> list[str]:
+    """Return what the protection levels of the points are."""
+    found = report.protection_levels
+    if found is None:
+        return []
+    errors = "one gross error" if found.faults == 1 else "up to two gross errors"
+    out = (
+        f"Lh, Lv, L: protection levels in plan, in height and in space: larger errors that no "
+        f"test shows have a probability of at most {found.risk:g}, with {errors} of any sizes"
+    )
+    if found.rejected is not None:
+        out += ", whatever data snooping rejects"
+    if not found.accepted:
+        out += "; NOT VALID HERE: a test rejects an observation"
+    return [*paragraph(out), *_weakest_protection(report, found)]
+
+
+def _weakest_protection(report: Report, found: ProtectionLevels) -> list[str]:
+    """Return the point with the largest level, and what makes it."""
+    if not len(found.names):
+        return []
+    name = found.names[int(np.argmax(found.space))]
+    mode = found.weakest(name, "space")
+    if mode is None:
+        return []
+    level = found.level(name, "space")
+    size = f"{level / report.small:.3g} {report.units.sigma_length}" if isfinite(level) else "∞"
+    return paragraph(f"largest L: {name}, {size}, by errors of {mode}")
+
+
 def _only_heights(report: Report) -> bool:
     """Return whether the plan coordinates of all points that have unknowns are held."""
     free = (p.fixed for n, p in report.network.points.items() if report.free("point", n))
@@ -229,16 +316,16 @@ def _only_heights(report: Report) -> bool:
 def _meaning(report: Report) -> list[str]:
     """Return what the confidence figures of points are."""
     if report.options.confidence is None:
-        return []
+        return _protection_words(report)
     level, one = percent(report.options.confidence), region_factor(report, 1)
     if _only_heights(report):
-        return [f"  ± z: {level} interval, {one:.3f} σ"]
+        return [f"  ± z: {level} interval, {one:.3f} σ", *_protection_words(report)]
     k = region_factor(report, 2)
     note = f"  a, b: {level} error ellipses in the horizon, {k:.3f} × standard ellipse"
     factors = (e.factor for n, e in report.ellipses.items() if report.free("point", n))
     if any(0 < factor < k - 1e-9 for factor in factors):
         note += f"; {one:.3f} × where an axis is held"
-    return [note]
+    return [note, *_protection_words(report)]
 
 
 def points_section(report: Report) -> list[str]:

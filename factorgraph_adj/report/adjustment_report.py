@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from math import nan, sqrt
+from math import nan
 from typing import TypeVar
 
 import numpy as np
@@ -33,6 +33,7 @@ from ..quality.parameter_significance import (
     significance,
 )
 from ..quality.point_precision import Place, check_points
+from ..quality.protection_levels import ProtectionLevels, protection_levels
 from ..quality.rejections import (
     Rejected,
     Snooping,
@@ -44,7 +45,6 @@ from ..quality.rejections import (
 )
 from ..quality.reliability import Reliability, reliability, stiff_ties
 from ..quality.variance_components import VarianceComponents
-from ..rotation import angles_by_rotation, omega_phi_kappa
 from ..solve.estimates import CalibrationEstimate, GeodeticCoordinates, geodetic_coordinates
 from ..solve.grid_coordinates import GridCoordinates, GridPhotos, grid_coordinates, grid_photos
 from ..solve.solution import Solution
@@ -62,6 +62,7 @@ from .doubtful_results import (
     findings_on_misfits,
     loss_sentences,
 )
+from .exterior_orientations import PoseFigures, pose_figures
 from .observation_rows import ReportRows
 from .options import Provenance, ReportOptions
 from .rejected_observations import RejectedObservations, set_aside
@@ -70,24 +71,6 @@ Line = TypeVar("Line")
 
 MAX_FINDINGS_NAMED = 3
 """Largest number of findings of `check` that are said of an adjustment that is bent."""
-
-
-@dataclass(frozen=True)
-class PoseFigures:
-    """Exterior orientation of a photo in the quantities that surveyors use."""
-
-    position: tuple[float, ...]
-    """X0, Y0, Z0, metres."""
-    angles: tuple[float, ...]
-    """ω, φ, κ, radians."""
-    rotation: Array
-    """world_R_camera (3, 3)."""
-    sigma_position: tuple[float, ...]
-    """σ of X0, Y0, Z0, metres."""
-    sigma_angles: tuple[float, ...]
-    """σ of ω, φ, κ, radians; NaN at φ = ±π/2."""
-    sigma_rotations: tuple[float, ...]
-    """σ of rotations about the axes of the camera, radians."""
 
 
 @dataclass(frozen=True)
@@ -384,6 +367,23 @@ class Report:
         return dict(zip(names, found, strict=True))
 
     @cached_property
+    def protection_levels(self) -> ProtectionLevels | None:
+        """Protection levels of the points, if the options ask for them and there is a reliability.
+
+        Raises:
+            InputError: as `protection_levels`.
+        """
+        risk, snooping = self.options.protection_risk, self.snooping
+        if risk is None or self.reliability is None:
+            return None
+        snooped = snooping is not None and snooping.solution is self.solution
+        return protection_levels(
+            snooping if snooped and snooping is not None else self.reliability,
+            risk=risk,
+            faults=self.options.faults,
+        )
+
+    @cached_property
     def lines(self) -> tuple[AdjustedLine, ...]:
         """Adjusted lines between the pairs of places that the options name."""
         pairs = self.options.relative
@@ -420,25 +420,8 @@ class Report:
     @cached_property
     def poses(self) -> dict[str, PoseFigures]:
         """Exterior orientations by photo."""
-        return {name: self._pose(name) for name in self.network.photos}
-
-    def _pose(self, name: str) -> PoseFigures:
-        stored = self.solution.state["pose"][self.solution.number("pose", name)]
-        rotation = stored[:9].reshape(3, 3)
-        covariance = np.full((6, 6), nan)
-        if not self.singular:
-            covariance = self.solution.pose_covariance(name)
-        turn = angles_by_rotation(rotation)
-        variances = (turn @ covariance[:3, :3] @ turn.T).diagonal().tolist()
-        own = [sqrt(max(v, 0.0)) for v in covariance.diagonal().tolist()]
-        return PoseFigures(
-            tuple(stored[9:].tolist()),
-            omega_phi_kappa(rotation),
-            rotation,
-            tuple(own[3:]),
-            tuple(sqrt(v) if v >= 0 else nan for v in variances),
-            tuple(own[:3]),
-        )
+        known = not self.singular
+        return {n: pose_figures(self.solution, n, known=known) for n in self.network.photos}
 
     @cached_property
     def calibrations(self) -> dict[str, CalibrationEstimate]:

@@ -52,9 +52,18 @@ class ReportOptions:
     survey: float | tuple[float, float] | None = None
     """σ of the survey of the check points, metres, as for `positional_accuracy`; None: unknown."""
 
+    protection_risk: float | None = None
+    """Integrity risk of protection levels of points, see `protection_levels`; None omits them."""
+    faults: Literal[1, 2] = 2
+    """Number of readings with gross errors up to which these levels hold."""
+
     def __post_init__(self) -> None:
         """Check probabilities and test."""
         check_probabilities(self.alpha, self.power)
+        if self.protection_risk is not None and not 0 < self.protection_risk < 1:
+            raise InputError(
+                f"the risk of protection levels must lie between 0 and 1: {self.protection_risk}"
+            )
         confidence_factor(2, self.confidence)
         if self.test is not None and self.test not in get_args(Test):
             valid = ", ".join(get_args(Test))
