@@ -21,7 +21,10 @@ For one reading with one component this is |g|/√M, exactly: by Cauchy and Schw
 more of it. For two such readings with the correlation ρ of their test values it is
 (|γ_1 − ργ_2| + |γ_2 − ργ_1|)/(1 − ρ²), γ = g/√M. Where ρ is large the test of a third reading sees
 more of the difference of the two errors. It takes the place of one of the two tests; each choice of
-tests gives an upper bound, and the smallest counts.
+tests gives an upper bound, and the smallest counts. For the worst mode of each figure the tests are
+chosen by the simplex method (`factorgraph_adj.quality.bounding_tests`), and another mode becomes
+the worst, until the bound is that of the linear programme. Vectors and joint readings keep an upper
+bound.
 
 Large networks. With whitened components C = T M Tᵀ, C_AA = I, and κ the norm of C_AB,
 
@@ -34,13 +37,14 @@ found. In a network with few readings κ0 is 0.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
 from ..types import Array, Index, Mask
+from .bounding_tests import bounding_tests
 from .causes.shared_error_tests import whitening_matrix
 from .group_tests import least_share
 from .reliability import ROUNDING_EFFECT_M, Reliability
@@ -67,6 +71,10 @@ LARGEST_INSEPARABLE = 0.01
 """Largest share of a difference of two errors in the residuals at which it counts as unseen."""
 LEAST_DETERMINANT = 1e-9
 """Determinant of the responses of two tests above which they bound both errors."""
+MAX_REFINEMENTS = 30
+"""Largest number of times that the tests of the worst pairs are chosen anew."""
+MAX_CONDITION = 1e8
+"""Largest condition of the responses of the tests of a pair for which others are chosen."""
 LARGEST = 1e30
 """Number that stands for infinity, as infinity times zero is not zero."""
 
@@ -201,6 +209,8 @@ class PairClass:
     none are ``dual``."""
     amplification: Array
     """Largest ratio of the slope of each pair to the sum of both, (p,)."""
+    better: dict[int, list[Array]] = field(default_factory=dict)
+    """Further choices of tests of single pairs, (m, m) each, as in ``alternatives``."""
 
     def slopes(self, pairs: Index, figures: Index, effects: Array, rounding: Array) -> Array:
         """Return upper bounds of the slopes of some pairs for some figures, (e,).
@@ -222,6 +232,13 @@ class PairClass:
                 together = np.sqrt(np.einsum("em,em->e", own, own))
                 total += np.where(joint[pairs], together, own.sum(axis=1))
             out = np.minimum(out, total)
+        if self.better:
+            known = np.flatnonzero(np.isin(pairs, list(self.better)))
+            for pair in np.unique(pairs[known]).tolist():
+                own = known[pairs[known] == pair]
+                for dual in self.better[pair]:
+                    size = np.linalg.norm(dual @ gamma[own], axis=2).sum(axis=1)
+                    out[own] = np.minimum(out[own], size)
         lost = np.flatnonzero(self.inseparable[pairs])
         if len(lost):
             number = np.cumsum(self.inseparable) - 1
@@ -240,6 +257,8 @@ class Pairs:
     """The readings."""
     classes: tuple[PairClass, ...]
     """The pairs by the numbers of their rows."""
+    coherence: csr_array
+    """C of all rows in pairs, (n, n)."""
     rest: float
     """Largest ratio of the slope of any other pair to the sum of both; 0: there is none."""
 
@@ -274,12 +293,15 @@ class Pairs:
         ]
         every = r.n * (r.n - 1) // 2
         rest = 1.0 + spread * least / (1.0 - least) if len(a) < every else 0.0
-        return cls(r, tuple(classes), rest)
+        return cls(r, tuple(classes), coherence, rest)
 
     def worst(
         self, effects: Array, single: Array, worst: WorstModes, rounding: Array
     ) -> WorstModes:
         """Return the worst fault modes of one or two readings.
+
+        The tests that bound the worst pair are chosen anew, and the search is repeated with the
+        smaller bound, until it is the best one or `MAX_REFINEMENTS` is reached.
 
         Args:
             effects: γ of the axes of each figure, (n, figures, axes).
@@ -287,18 +309,68 @@ class Pairs:
             worst: the worst modes of one reading.
             rounding: effects on each figure that are rounding, (figures,).
         """
+        slope, first, second = worst.slope.copy(), worst.first.copy(), worst.second.copy()
+        active = np.arange(single.shape[1])
+        done: set[tuple[int, int, int]] = set()
+        for _ in range(1 + MAX_REFINEMENTS):
+            part = WorstModes(worst.slope[active], worst.first[active], worst.second[active])
+            found, place = self._search(
+                effects[:, active], single[:, active], part, rounding[active]
+            )
+            slope[active], first[active], second[active] = found.slope, found.first, found.second
+            again = []
+            for i in np.flatnonzero((place[:, 0] >= 0) & np.isfinite(found.slope)).tolist():
+                key = (*place[i].tolist(), int(active[i]))
+                if key not in done and self._refine(key[0], key[1], effects[:, active[i]]):
+                    again.append(i)
+                done.add(key)
+            if not again:
+                break
+            active = active[again]
+        return WorstModes(slope, first, second)
+
+    def _refine(self, number: int, pair: int, effects: Array) -> bool:
+        """Choose the tests of a pair for a figure with effects (n, axes); return whether any."""
+        pairs = self.classes[number]
+        if any(joint[pair] for _, joint in pairs.parts) or pairs.inseparable[pair]:
+            return False
+        rows = pairs.rows[pair]
+        gamma = effects[rows]
+        c = self.coherence[:, rows].toarray()
+        units = np.searchsorted(self.readings.first, rows, side="right")
+        known = np.ones(len(c), dtype=bool)
+        for unit in np.unique(units).tolist():
+            # A coherence that is not stored is small, but unknown.
+            stored = self.readings.sums(np.abs(c[:, units == unit])).any(axis=1)
+            known &= np.repeat(stored, np.diff(np.append(self.readings.first, len(c))))
+        seen = np.where(known[:, None] | (self.rest == 0.0), self.readings.responses @ c, 0.0)
+        own = seen[rows]
+        if not np.linalg.cond(own) < MAX_CONDITION:
+            return False
+        main = np.linalg.svd(gamma, full_matrices=False)[2][0]
+        dual = bounding_tests(seen, rows, gamma @ main)
+        if dual is None:
+            return False
+        pairs.better.setdefault(pair, []).append(dual)
+        return True
+
+    def _search(
+        self, effects: Array, single: Array, worst: WorstModes, rounding: Array
+    ) -> tuple[WorstModes, Index]:
+        """Return the worst modes, and class and number of the pair of each, (figures, 2)."""
         figures = np.arange(single.shape[1])
         finite = np.where(np.isfinite(single), single, 0.0)
         two = np.argpartition(finite, -2, axis=0)[-2:]
         sums = finite[two[0], figures] + finite[two[1], figures]
         slope, first, second = worst.slope.copy(), worst.first.copy(), worst.second.copy()
+        place = np.full((len(figures), 2), -1, dtype=np.intp)
         open_ = np.isfinite(slope) & (slope > rounding)
         far = open_ & (self.rest * sums > slope)
         slope[far] = self.rest * sums[far]
         first[far], second[far] = two[1][far], two[0][far]
-        for pairs in self.classes:
+        for kind, pairs in enumerate(self.classes):
             with np.errstate(divide="ignore", invalid="ignore"):
-                ratio = np.where(open_, finite / slope, 0.0).max(axis=1)
+                ratio = np.where(open_, finite / slope, 0.0).max(axis=1, initial=0.0)
             reach = (ratio[pairs.first] + ratio[pairs.second]) * np.minimum(
                 pairs.amplification, LARGEST
             )
@@ -322,7 +394,8 @@ class Pairs:
                 slope[better] = found[best, figures][better]
                 first[better] = pairs.first[some[best[better]]]
                 second[better] = pairs.second[some[best[better]]]
-        return WorstModes(slope, first, second)
+                place[better, 0], place[better, 1] = kind, some[best[better]]
+        return WorstModes(slope, first, second), place
 
 
 def _pair_class(

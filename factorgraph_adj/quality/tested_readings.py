@@ -42,6 +42,9 @@ class TestedReadings:
     reading by itself; columns of uncontrolled directions are zero."""
     dual: csr_array
     """Block diagonal F, (n, n): the tests of a reading alone give Σ|F y|, or |F y| for T²."""
+    responses: csr_array
+    """Block diagonal D^-½ M T, (n, n): with C it gives the noncentralities of all w; zero rows
+    have no test of their own."""
     hidden: csr_array
     """Errors of one σ in uncontrolled directions, (n, number of directions)."""
     hidden_of: Index
@@ -109,7 +112,7 @@ def tested_readings(rel: Reliability) -> TestedReadings:
     stated = np.ones(len(groups.first), dtype=bool)
     np.logical_and.at(stated, groups.number, stiff_ties(rel))
     stated[stated_conditions(equations, groups)] = True
-    white, dual = _Diagonal(), _Diagonal()
+    white, dual, responses = _Diagonal(), _Diagonal(), _Diagonal()
     hidden: list[tuple[int, Array]] = []
     share = np.ones(len(groups.first))
     for size in np.unique(groups.size).tolist():
@@ -131,6 +134,9 @@ def tested_readings(rel: Reliability) -> TestedReadings:
         tests[joint[units]] = np.eye(size)
         if size == 1:
             tests = np.ones_like(tests)
+        with_test = (scale > 0.0) & ~joint[units, None]
+        size_of_test = np.where(with_test, scale, np.inf)
+        responses.add(at, (m @ own) / size_of_test[:, :, None])
         white.add(at, own)
         dual.add(at, tests)
         share[units] = np.where(on & ~stated[units, None], values, 1.0).min(axis=1)
@@ -144,6 +150,7 @@ def tested_readings(rel: Reliability) -> TestedReadings:
         joint,
         white.matrix(len(order)),
         dual.matrix(len(order)),
+        responses.matrix(len(order)),
         csr_array(np.array([e for _, e in hidden]).reshape(len(hidden), len(order)).T),
         np.array([unit for unit, _ in hidden], dtype=np.intp),
         share,

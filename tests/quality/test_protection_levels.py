@@ -78,15 +78,15 @@ def slopes_by_programming(model: DenseModel, axes: np.ndarray, faults: int) -> f
 
 @pytest.mark.parametrize("kind", ["slope_distance", "height_difference", "control", "gnss_vector"])
 @pytest.mark.parametrize("faults", [1, 2])
-def test_slopes_bound_the_linear_programmes_of_all_fault_modes(kind: str, faults: int) -> None:
+def test_slopes_are_those_of_linear_programmes_of_all_fault_modes(kind: str, faults: int) -> None:
     solution = adjusted(kind)
     levels = fga.protection_levels(solution, faults=faults)
     model = DenseModel(solution, levels.alpha)
     i = int(np.argmax(levels.sigmas[:, 2] > 0))
     axes = model.figure(levels.names[i], "z")
     exact = slopes_by_programming(model, axes, faults)
-    assert levels.slopes[i, 2] >= exact * (1.0 - ROUNDING)
-    assert levels.slopes[i, 2] <= exact * (1.0 if faults == 1 and kind != "control" else 3.0) + 1e-9
+    # An upper bound, and no larger one than it must be.
+    assert levels.slopes[i, 2] == pytest.approx(exact, rel=ROUNDING)
 
 
 def test_one_fault_has_the_external_reliability_as_its_slope() -> None:
@@ -111,7 +111,7 @@ def test_few_pairs_give_no_smaller_level(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(fault_modes, "DENSE_ROWS", 0)
     some = fga.protection_levels(solution)
     assert np.all(some.levels >= every.levels * (1.0 - ROUNDING))
-    assert np.all(some.levels <= every.levels * (1.0 + fault_modes.LEAST_COHERENCE) + 1e-9)
+    assert np.all(some.levels <= every.levels * (1.0 + 2.0 * fault_modes.LEAST_COHERENCE) + 1e-9)
 
 
 @pytest.mark.parametrize("kind", ["slope_distance", "height_difference", "gnss_vector"])
