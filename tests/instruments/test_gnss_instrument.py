@@ -144,3 +144,13 @@ def test_topics_are_receivers_of_their_own():
 def test_options_are_checked_with_the_site_file(keys, message):
     with pytest.raises(InputError, match=message):
         settings(**keys)
+
+
+def test_sentences_without_a_position_may_repeat():
+    """A receiver sends the same satellites every second: that is no doubled line."""
+    instrument = Instrument(settings(), network=network())
+    satellites = signed("GNGSA,A,3,04,05,09,12,24,25,29,31,,,,,1.8,1.0,1.5")
+    for i in range(10):
+        assert instrument.take(ReceivedLine(satellites, BEGIN + i, i)) == []
+    counts = instrument.health.counts
+    assert (counts["without_reading"], counts["doubled"], counts["refused"]) == (10, 0, 0)
