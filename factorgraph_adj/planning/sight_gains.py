@@ -25,8 +25,8 @@ from .targets import MET
 
 MAX_HUB_COLUMNS = 400
 """Largest number of columns of stations for which all of them are solved for."""
-SOLVED_TOGETHER = 96
-"""Number of promising candidates that are solved for together."""
+SOLVED_TOGETHER = 32
+"""Number of promising candidates that are solved for first; then twice as many each time."""
 
 
 class Gains:
@@ -149,14 +149,16 @@ class SightGains:
         size = s.a.shape[1]
         d = [np.broadcast_to(np.eye(size), (s.n, size, size)).copy() for _ in self.of]
         order = np.argsort(-bound / cost, kind="stable")
-        for first in range(0, s.n, SOLVED_TOGETHER):
-            some = order[first : first + SOLVED_TOGETHER]
+        first, number = 0, SOLVED_TOGETHER
+        while first < s.n:
+            some = order[first : first + number]
             least = np.partition(out / cost, -most)[-most] if most <= s.n else -np.inf
             if bound[some[0]] / cost[some[0]] <= least or (bound[order[first:]] <= MET).all():
                 break
             for own, g in zip(d, self.of, strict=True):
                 own[some] = solved_d(g.of.cofactors, s.a[some], s.columns[some])
             out[some] = self._sum(some, d)
+            first, number = first + number, 2 * number
         return out, d
 
     def _sum(self, some: Index, d: Sequence[Array]) -> Array:

@@ -142,12 +142,12 @@ class TargetReader:
     def _chosen(self, target: Target, patterns: Sequence[str]) -> list[int]:
         """Return the numbers of determined points of a target."""
         names = self.places.names
-        wrong = unlike("point", patterns, names)
-        for what in wrong:
-            self._wrong(target, what)
-        if wrong:
+        each = [matching(names, (p,)) for p in patterns]
+        if not each or not all(m.any() for m in each):
+            for what in unlike("point", patterns, names):
+                self._wrong(target, what)
             return []
-        on = np.flatnonzero(matching(names, patterns))
+        on = np.flatnonzero(np.any(each, axis=0))
         columns = self.places.columns
         lost = [i for i in on.tolist() if (columns[i] == UNKNOWN).any()]
         if len(lost) == len(on):
