@@ -103,7 +103,7 @@ def differences_between(
             f"the epochs have different frames: {first.frame} and {second.frame}; "
             "adjust both in one"
         )
-    one, two = _places(first, tuple(pairs)), _places(second, tuple(pairs.values()))
+    one, two = epoch_places(first, tuple(pairs)), epoch_places(second, tuple(pairs.values()))
     axes, free = _axes((one, two), pairs)
     mixture = _basis(np.hstack([one.mixture(free), two.mixture(free)]))
     # Grid coordinates of thousands of kilometres are rounded more than the alignment is.
@@ -136,7 +136,7 @@ def differences_within(both: EpochCoordinates, pairs: Mapping[str, str]) -> Diff
     Raises:
         InputError: as `differences_between`.
     """
-    one, two = _places(both, tuple(pairs)), _places(both, tuple(pairs.values()))
+    one, two = epoch_places(both, tuple(pairs)), epoch_places(both, tuple(pairs.values()))
     axes, free = _axes((one, two), pairs)
     d = (two.coordinates - one.coordinates)[:, free].ravel()
     a, b = one.numbers[:, free].ravel(), two.numbers[:, free].ravel()
@@ -162,7 +162,7 @@ def differences_within(both: EpochCoordinates, pairs: Mapping[str, str]) -> Diff
 
 
 @dataclass(frozen=True, eq=False)
-class _EpochPlaces:
+class EpochPlaces:
     """Points of one epoch."""
 
     epoch: EpochCoordinates
@@ -191,7 +191,12 @@ class _EpochPlaces:
         return np.asarray(np.linalg.lstsq(seven, self.motions(free), rcond=MIN_RELATIVE_MOTION)[0])
 
 
-def _places(epoch: EpochCoordinates, names: tuple[str, ...]) -> _EpochPlaces:
+def epoch_places(epoch: EpochCoordinates, names: tuple[str, ...]) -> EpochPlaces:
+    """Return some points of an epoch.
+
+    Raises:
+        InputError: points are unknown.
+    """
     number = {n: i for i, n in enumerate(epoch.names)}
     wrong = [n for n in names if n not in number]
     if wrong:
@@ -200,12 +205,12 @@ def _places(epoch: EpochCoordinates, names: tuple[str, ...]) -> _EpochPlaces:
             for n in wrong
         )
     at = np.array([number[n] for n in names], dtype=np.intp)
-    return _EpochPlaces(
+    return EpochPlaces(
         epoch, names, epoch.coordinates[at], 3 * at[:, None] + np.arange(3), epoch.free[at]
     )
 
 
-def _axes(epochs: tuple[_EpochPlaces, _EpochPlaces], pairs: Mapping[str, str]) -> tuple[str, Mask]:
+def _axes(epochs: tuple[EpochPlaces, EpochPlaces], pairs: Mapping[str, str]) -> tuple[str, Mask]:
     """Return the coordinates that are free for every point in both epochs.
 
     Raises:
