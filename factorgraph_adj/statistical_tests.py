@@ -120,6 +120,11 @@ def fisher_quantile(p: float, numerator: float, denominator: float) -> float:
     return float(special.fdtri(numerator, denominator, p))
 
 
+def fisher_upper_probability(x: float, numerator: float, denominator: float) -> float:
+    """Return the probability that Fisher's F with these degrees of freedom > 0 exceeds x."""
+    return float(special.fdtrc(numerator, denominator, x))
+
+
 def poisson_upper_probability(n: int, mean: float) -> float:
     """Return the probability that a Poisson variable of this mean > 0 is n or more, n ≥ 1."""
     return float(special.pdtrc(n - 1, mean))

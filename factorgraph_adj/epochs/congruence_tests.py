@@ -32,6 +32,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import combinations
 from math import comb
 from typing import Literal, TypeAlias, get_args
@@ -40,7 +41,13 @@ import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from ..errors import DatumError, InputError, known
-from ..statistical_tests import chi2_quantile, fisher_quantile, noncentrality_of_power
+from ..statistical_tests import (
+    chi2_quantile,
+    chi2_upper_probability,
+    fisher_quantile,
+    fisher_upper_probability,
+    noncentrality_of_power,
+)
 from ..types import Array, Index
 from .differences import Differences
 
@@ -174,24 +181,26 @@ class UnitVariance:
 
     def above(self, value: float, h: int) -> float:
         """Return the probability of a larger T."""
-        from scipy.stats import chi2, f
-
         if np.isinf(self.freedom):
-            return float(chi2.sf(value * h, h))
-        return float(f.sf(value, h, self.freedom))
+            return chi2_upper_probability(value * h, h)
+        return fisher_upper_probability(value, h, self.freedom)
 
     def noncentrality(self, alpha: float, power: float, h: int) -> float:
         """Return λ for which a test with ``alpha`` rejects with the probability ``power``."""
-        from scipy.stats import ncf, ncx2
+        return _noncentrality(self.freedom, self.quantile(1.0 - alpha, h), power, h)
 
-        critical = self.quantile(1.0 - alpha, h)
 
-        def power_at(value: float) -> float:
-            if np.isinf(self.freedom):
-                return float(ncx2.sf(critical * h, h, value))
-            return float(ncf.sf(critical, h, self.freedom, value))
+@lru_cache(maxsize=512)
+def _noncentrality(freedom: float, critical: float, power: float, h: int) -> float:
+    """Return λ for which T of h degrees of freedom exceeds a value with a probability."""
+    from scipy.stats import ncf, ncx2  # imported here, because the import is slow
 
-        return noncentrality_of_power(power_at, power)
+    def power_at(value: float) -> float:
+        if np.isinf(freedom):
+            return float(ncx2.sf(critical * h, h, value))
+        return float(ncf.sf(critical, h, freedom, value))
+
+    return noncentrality_of_power(power_at, power)
 
 
 def displacement_of_rows(w: Array, d: Array, columns: Index) -> tuple[Array, Array, float]:

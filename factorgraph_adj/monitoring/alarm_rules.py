@@ -201,7 +201,7 @@ class AlarmEvent:
     """Why."""
 
 
-def tested(
+def outcome_of(
     rule: AlarmRule, value: float, critical: float, size_mm: float, detectable_mm: float
 ) -> TestedEpoch:
     """Return what a test found; the release value is that of the life of the rule."""

@@ -36,7 +36,7 @@ from .alarm_rules import (
     next_alarm,
     rules_named_once,
     sentence_of,
-    tested,
+    outcome_of,
 )
 from .cumulative_sums import next_sum
 from .epoch_estimates import EpochEstimate
@@ -299,19 +299,19 @@ class Monitor:
             value = x.test.value * x.test.freedom[0]
             sigma = float(np.sqrt(np.linalg.eigvalsh(x.covariance)[-1]))
             detectable = 1e3 * levels.detectable(rule, x.name, h) * sigma
-            return tested(rule, value, levels.critical(rule, h), 1e3 * x.length, detectable)
+            return outcome_of(rule, value, levels.critical(rule, h), 1e3 * x.length, detectable)
         if rule.test == "velocity":
             sigma = float(np.sqrt(np.linalg.eigvalsh(state.static_velocity_covariance)[-1]))
             per_day = 1e3 * DAY_S
             size = per_day * float(np.linalg.norm(state.velocity))
             detectable = per_day * sigma * levels.detectable(rule, x.name, h)
-            return tested(rule, state.velocity_test(), levels.critical(rule, h), size, detectable)
+            return outcome_of(rule, state.velocity_test(), levels.critical(rule, h), size, detectable)
         q = innovation.covariance[np.ix_(axes, axes)]
         u = np.linalg.solve(np.linalg.cholesky(q), innovation.vector[axes])
         before = self._sums.get((rule.name, x.name), np.zeros(h))
         s = self._sums[rule.name, x.name] = next_sum(before, u, rule.allowance)
         size = 1e3 * innovation.length
-        return tested(rule, float(np.linalg.norm(s)), levels.critical(rule, h), size, np.nan)
+        return outcome_of(rule, float(np.linalg.norm(s)), levels.critical(rule, h), size, np.nan)
 
     def _shape_tests(self, found: EpochComparison) -> tuple[TestedEpoch, ...]:
         assert self._levels is not None
@@ -320,7 +320,7 @@ class Monitor:
             return ()
         h = test.freedom[0]
         return tuple(
-            tested(rule, test.value * h, self._levels.critical(rule, h), 0.0, np.nan)
+            outcome_of(rule, test.value * h, self._levels.critical(rule, h), 0.0, np.nan)
             for rule in self.rules
             if rule.test == "congruence" and rule.name in self._levels.levels
         )

@@ -8,6 +8,7 @@ epoch, both unknown with a weight; stations and GNSS are out at times.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -99,9 +100,7 @@ def dam_epoch(
             reading = (np.arctan2(d[0], d[1]) - turn + SIGMA_DIRECTION * e1) % (2.0 * np.pi)
             network.add(fga.Direction(s, n, float(reading), sigma=SIGMA_DIRECTION))
             z = np.pi / 2.0 - np.arctan2(d[2], h) - kappa * h / (2.0 * R) + SIGMA_ZENITH * e2
-            network.add(
-                fga.ZenithAngle(s, n, float(z), sigma=SIGMA_ZENITH, refraction="air")
-            )
+            network.add(fga.ZenithAngle(s, n, float(z), sigma=SIGMA_ZENITH, refraction="air"))
             network.add(
                 fga.SlopeDistance(
                     s,
@@ -117,7 +116,7 @@ def dam_epoch(
             network.add(fga.GnssVector("T1", n, tuple(d.tolist()), sigma=(SIGMA_GNSS,) * 3))
     if weather.levelling:
         line = ("R1", *OBJECTS[:6], "R4", *OBJECTS[:5:-1], "R1")
-        for a, b in zip(line[:-1], line[1:], strict=True):
+        for a, b in pairwise(line):
             d = float((true[b] - true[a])[2]) + noise * SIGMA_LEVELLING * rng.standard_normal()
             network.add(fga.HeightDifference(a, b, float(d), sigma=SIGMA_LEVELLING))
     return network
