@@ -93,6 +93,9 @@ if _TYPE_CHECKING:
     from .models.lens_registry import register_lens
     from .models.unknown import UnknownKind
     from .models.unknown_registry import register_unknown
+    from .monitoring.alarm_rules import AlarmRule
+    from .monitoring.epoch_estimates import EpochEstimate
+    from .monitoring.monitor import Monitor
     from .network.face_readings import FaceReading
     from .network.face_reduction import reduce_faces
     from .network.grid.conversion import from_grid
@@ -221,22 +224,23 @@ if _TYPE_CHECKING:
 
 # fmt: off
 __all__ = [
-    "GON", "Accuracies", "AdjustmentError", "AntennaVector", "ApproximationError",
+    "GON", "Accuracies", "AdjustmentError", "AlarmRule", "AntennaVector", "ApproximationError",
     "AstronomicLatitude", "AstronomicLongitude", "AxisAngle", "Azimuth", "BrownLens", "BudgetInput",
     "Camera", "Candidate", "ControlPoint", "CoordinateDifference", "Correlated",
-    "CovarianceFunction", "DatumError", "Direction", "EqualDistance", "EqualHeightDifference",
-    "Experiment", "FaceReading", "FactorTests", "Finding", "FrameCoordinate", "FrameDirection",
-    "FrameDistance", "FrameInclination", "FrameRoll", "FrameVector", "FrameZenith",
-    "GeocentricFrame", "GnssPosition", "GnssVector", "GridCoordinates", "GridPhotos", "GyroAzimuth",
-    "HeightDifference", "HorizontalAngle", "HorizontalDistance", "HydrostaticReading", "ImageLine",
-    "ImagePoint", "IncrementalAdjustment", "InputError", "Isam", "LevelHeight", "LineOffset",
-    "LocalFrame", "NavigationAttitude", "Network", "Observation", "ObservationKind", "OnCircle",
-    "OnCone", "OnCylinder", "OnLine", "OnParaboloid", "OnPlane", "OnSphere", "OnTorus",
-    "ParallelAxes", "Parameter", "Part", "PartsSolution", "Photo", "PhotoAngle", "PhotoAttitude",
-    "PhotoBase", "PhotoPosition", "PhotoRange", "PhotoSight", "PhotoTilt", "PlaneDistance",
-    "PlaneOffset", "PlumbOffset", "Point", "PointDirection", "ProfileHeight", "Provenance",
-    "RadialOffset", "ReferenceSystem", "RelativePosition", "RelativeRotation", "ReportOptions",
-    "RightAngle", "SevenParameters", "SightOffset", "SightPlaneOffset", "SlopeDistance", "Solution",
+    "CovarianceFunction", "DatumError", "Direction", "EpochEstimate", "EqualDistance",
+    "EqualHeightDifference", "Experiment", "FaceReading", "FactorTests", "Finding",
+    "FrameCoordinate", "FrameDirection", "FrameDistance", "FrameInclination", "FrameRoll",
+    "FrameVector", "FrameZenith", "GeocentricFrame", "GnssPosition", "GnssVector",
+    "GridCoordinates", "GridPhotos", "GyroAzimuth", "HeightDifference", "HorizontalAngle",
+    "HorizontalDistance", "HydrostaticReading", "ImageLine", "ImagePoint", "IncrementalAdjustment",
+    "InputError", "Isam", "LevelHeight", "LineOffset", "LocalFrame", "Monitor",
+    "NavigationAttitude", "Network", "Observation", "ObservationKind", "OnCircle", "OnCone",
+    "OnCylinder", "OnLine", "OnParaboloid", "OnPlane", "OnSphere", "OnTorus", "ParallelAxes",
+    "Parameter", "Part", "PartsSolution", "Photo", "PhotoAngle", "PhotoAttitude", "PhotoBase",
+    "PhotoPosition", "PhotoRange", "PhotoSight", "PhotoTilt", "PlaneDistance", "PlaneOffset",
+    "PlumbOffset", "Point", "PointDirection", "ProfileHeight", "Provenance", "RadialOffset",
+    "ReferenceSystem", "RelativePosition", "RelativeRotation", "ReportOptions", "RightAngle",
+    "SevenParameters", "SightOffset", "SightPlaneOffset", "SlopeDistance", "Solution",
     "StandardDeviation", "StarNetOptions", "StripCoordinate", "TopocentricFrame", "UnitVector",
     "UnknownKind", "VerticalAngle", "WireReading", "WireReadingOnBody", "ZenithAngle",
     "__version__", "add_rpc_image", "adjust", "adjust_parts", "adjusted_lines", "as_models",
@@ -250,19 +254,19 @@ __all__ = [
     "point_corrections", "positional_accuracy", "precision_map", "predict", "preliminary",
     "propose", "protection_levels", "radial_units", "read", "read_aicon", "read_bal",
     "read_bundler", "read_colmap", "read_columns", "read_comp3d", "read_dbat", "read_dynadjust",
-    "read_dynaml", "read_gama", "read_gama_g3", "read_gsi", "read_gvx", "read_jag3d",
-    "read_jobxml", "read_landxml", "read_lgc2", "read_metashape", "read_micmac", "read_mmvii",
-    "read_opencv", "read_openmvg", "read_opensfm", "read_opf", "read_project", "read_rpc",
-    "read_sdr33", "read_sinex", "read_star_net", "read_star_net_project", "reduce_faces",
-    "refine_images", "register_lens", "register_observation", "register_reader",
-    "register_unknown", "relative_model", "reliability", "results_schema", "robust_adjust",
-    "s_transform", "signal_test", "significance", "snoop", "solution_budget", "text_report",
-    "to_xarray", "uncertainty_budget", "vectors_in_own_datum", "wgs84_coordinates",
-    "with_image_signals", "with_signals", "without", "write", "write_colmap", "write_dxf",
-    "write_dynaml", "write_geojson", "write_geopackage", "write_gvx", "write_jag3d", "write_kml",
-    "write_landxml", "write_metashape", "write_opencv", "write_opf", "write_ply",
-    "write_precision_map", "write_project", "write_report", "write_results", "write_sinex",
-    "write_star_net", "zenith_test",
+    "read_dynaml", "read_gama", "read_gama_g3", "read_gsi", "read_gvx", "read_jag3d", "read_jobxml",
+    "read_landxml", "read_lgc2", "read_metashape", "read_micmac", "read_mmvii", "read_opencv",
+    "read_openmvg", "read_opensfm", "read_opf", "read_project", "read_rpc", "read_sdr33",
+    "read_sinex", "read_star_net", "read_star_net_project", "reduce_faces", "refine_images",
+    "register_lens", "register_observation", "register_reader", "register_unknown",
+    "relative_model", "reliability", "results_schema", "robust_adjust", "s_transform",
+    "signal_test", "significance", "snoop", "solution_budget", "text_report", "to_xarray",
+    "uncertainty_budget", "vectors_in_own_datum", "wgs84_coordinates", "with_image_signals",
+    "with_signals", "without", "write", "write_colmap", "write_dxf", "write_dynaml",
+    "write_geojson", "write_geopackage", "write_gvx", "write_jag3d", "write_kml", "write_landxml",
+    "write_metashape", "write_opencv", "write_opf", "write_ply", "write_precision_map",
+    "write_project", "write_report", "write_results", "write_sinex", "write_star_net",
+    "zenith_test",
 ]
 # fmt: on
 
@@ -340,6 +344,9 @@ _NAMES = {
     "models.lens_registry": "register_lens",
     "models.unknown": "UnknownKind",
     "models.unknown_registry": "register_unknown",
+    "monitoring.alarm_rules": "AlarmRule",
+    "monitoring.epoch_estimates": "EpochEstimate",
+    "monitoring.monitor": "Monitor",
     "network.face_readings": "FaceReading",
     "network.face_reduction": "reduce_faces",
     "network.grid.conversion": "from_grid",

@@ -77,12 +77,24 @@ def noncentrality_of_power(power_at: Callable[[float], float], power: float) -> 
         power_at: λ → probability with which the test rejects; it grows with λ.
         power: the probability.
     """
-    from scipy.optimize import brentq  # imported here, because few need it and it is slow
-
     top = 10.0
     while power_at(top) < power:
         top *= 2.0
-    return float(brentq(lambda x: power_at(x) - power, 1e-9, top, xtol=1e-12))
+    return root(lambda x: power_at(x) - power, 1e-9, top, tolerance=1e-12)
+
+
+def root(function: Callable[[float], float], low: float, high: float, *, tolerance: float) -> float:
+    """Return where a function that changes its sign between two places is 0.
+
+    Args:
+        function: the function.
+        low: a place.
+        high: another one.
+        tolerance: largest error of the result.
+    """
+    from scipy.optimize import brentq  # imported here, because few need it and it is slow
+
+    return float(brentq(function, low, high, xtol=tolerance))
 
 
 def chi2_quantile(p: float, freedom: float) -> float:

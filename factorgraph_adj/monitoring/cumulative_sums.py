@@ -25,9 +25,9 @@ from functools import lru_cache
 
 import numpy as np
 from scipy import special
-from scipy.optimize import brentq
 
 from ..errors import InputError
+from ..statistical_tests import root
 from ..types import Array
 
 NODES = 64
@@ -138,11 +138,9 @@ def limit_of_run_length(freedom: int, allowance: float, run_length: float) -> fl
     top = 4.0
     while average_run_length(freedom, allowance, top) < run_length:
         top *= 1.5
-    return float(
-        brentq(
-            lambda h: np.log(average_run_length(freedom, allowance, h) / run_length),
-            1e-3,
-            top,
-            xtol=1e-9,
-        )
+    return root(
+        lambda h: float(np.log(average_run_length(freedom, allowance, h) / run_length)),
+        1e-3,
+        top,
+        tolerance=1e-9,
     )

@@ -34,9 +34,9 @@ from .alarm_rules import (
     TestedEpoch,
     matches,
     next_alarm,
+    outcome_of,
     rules_named_once,
     sentence_of,
-    outcome_of,
 )
 from .cumulative_sums import next_sum
 from .epoch_estimates import EpochEstimate
@@ -305,7 +305,9 @@ class Monitor:
             per_day = 1e3 * DAY_S
             size = per_day * float(np.linalg.norm(state.velocity))
             detectable = per_day * sigma * levels.detectable(rule, x.name, h)
-            return outcome_of(rule, state.velocity_test(), levels.critical(rule, h), size, detectable)
+            return outcome_of(
+                rule, state.velocity_test(), levels.critical(rule, h), size, detectable
+            )
         q = innovation.covariance[np.ix_(axes, axes)]
         u = np.linalg.solve(np.linalg.cholesky(q), innovation.vector[axes])
         before = self._sums.get((rule.name, x.name), np.zeros(h))

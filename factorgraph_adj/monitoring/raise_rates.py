@@ -27,10 +27,9 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy import special
-from scipy.optimize import brentq
 
 from ..errors import InputError
-from ..statistical_tests import chi2_upper_quantile
+from ..statistical_tests import chi2_upper_quantile, root
 from ..types import Array, Index
 
 MONTH_S = 365.25 / 12 * 86400.0
@@ -174,7 +173,7 @@ class RaiseRate:
         top = 10.0
         while self.power(level, top) < power:
             top *= 2.0
-        return float(brentq(lambda x: self.power(level, x) - power, 0.0, top, xtol=1e-6))
+        return root(lambda x: self.power(level, x) - power, 0.0, top, tolerance=1e-6)
 
 
 def noncentral_upper_probability(value: float, freedom: float, shift: Array) -> Array:
@@ -267,4 +266,4 @@ def level_of_rate(
             f"{raisings:.3g} false alarms in {epochs} epochs of {len(shares)} points cannot be "
             "kept: state a rate between those of tests with probabilities of 1e-14 and 0.2"
         )
-    return float(np.exp(brentq(excess, low, high, xtol=1e-4)))
+    return float(np.exp(root(excess, low, high, tolerance=1e-4)))

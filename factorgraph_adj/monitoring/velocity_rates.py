@@ -21,10 +21,9 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.optimize import brentq
 
 from ..errors import InputError
-from ..statistical_tests import chi2_upper_probability, chi2_upper_quantile
+from ..statistical_tests import chi2_upper_probability, chi2_upper_quantile, root
 from ..types import Array, Index
 from .motion_filter import Motion, MotionModel
 from .raise_rates import AlarmLife
@@ -198,8 +197,8 @@ def _level(
             f"{number:.3g} false alarms of a velocity in {epochs} epochs of a point are more than "
             "its test can raise: state a lower rate"
         )
-    log = float(
-        brentq(lambda x: counts(x).sum() / (number * done) - 1.0 + 1e-12, low, top, xtol=1e-3)
+    log = root(
+        lambda x: float(counts(x).sum()) / (number * done) - 1.0 + 1e-12, low, top, tolerance=1e-3
     )
     each = counts(log)
     return SimulatedLevel(float(np.exp(log)), float(np.sqrt((each**2).sum()) / each.sum()))

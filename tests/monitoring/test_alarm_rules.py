@@ -11,9 +11,9 @@ from factorgraph_adj.monitoring.alarm_rules import (
     AlarmState,
     epochs_per_month,
     next_alarm,
+    outcome_of,
     rules_named_once,
     sentence_of,
-    outcome_of,
 )
 from factorgraph_adj.monitoring.raise_rates import AlarmLife
 from factorgraph_adj.monitoring.velocity_rates import raisings
@@ -27,7 +27,9 @@ def played(values, rule=RULE, size=9.0):
     """Return the changes of an alarm with critical value 10 in epochs 0, 1, …, and its state."""
     state, out = AlarmState(rule.name, "D1"), []
     for epoch, value in enumerate(values):
-        state, change = next_alarm(state, rule.life, outcome_of(rule, value, 10.0, size, 5.0), epoch)
+        state, change = next_alarm(
+            state, rule.life, outcome_of(rule, value, 10.0, size, 5.0), epoch
+        )
         out.append(change)
     return out, state
 
