@@ -13,7 +13,7 @@ MAX_KEPT_EVENTS = 200
 COUNTS = (
     *("lines", "readings", "without_reading", "refused", "doubled", "late", "gaps"),
     *("clock_jumps", "connections", "restarts_of_file", "doubtful_faces", "left_out"),
-    *("postings", "not_posted", "refused_postings"),
+    *("postings", "not_posted", "refused_postings", "not_kept"),
 )
 """What is counted: lines that came; readings in them; lines of the grammar without a reading;
 lines that are no text of the grammar; lines that came twice; lines that came late; pauses that

@@ -17,7 +17,7 @@ from dataclasses import fields, replace
 from threading import Event
 from typing import Any
 
-from ..errors import AdjustmentError, InputError
+from ..errors import AdjustmentError, InputError, system_reason
 from ..io.numbers import Units
 from ..io.observation_records import observation_from_record, observation_record
 from ..network.network import Network
@@ -26,6 +26,7 @@ from .distance_corrections import SensorBoard, velocity_factor
 from .gnss_positions import AntennaPosition
 from .health import Health
 from .instrument_settings import InstrumentSettings
+from .line_log import LineLog
 from .line_sources import LineSource, shown
 from .message_rules import InstrumentClock, MessageGaps, RepeatedLines, iso
 from .readings import (
@@ -80,6 +81,15 @@ class Instrument:
         )
         self.repeated = RepeatedLines(settings.doubled_within)
         self.gaps = MessageGaps(self.health, settings.silent_after)
+        self.log = None if settings.keep_lines is None else LineLog(settings.keep_lines_at)
+        self._set_up: dict[str, ReceivedLine] = {}
+        """Lines that state station and height of the instrument."""
+        self._waiting: deque[Posting] = deque()
+        """Postings that are not posted yet, in their order."""
+        self._is_begun = False
+        """Whether the log was read."""
+        self._is_kept = False
+        """Whether the source is read again after a restart."""
         self._late = False
 
     # -- lines to postings ------------------------------------------------------------------------
@@ -120,9 +130,11 @@ class Instrument:
         time = self._time(line, reading)
         match reading:
             case Occupation():
+                self._set_up = {"station": line}
                 station = self._name(reading.station)
                 yield from self._of_sets(self.sets.occupy(station, reading.instrument_height))
             case InstrumentHeight():
+                self._set_up["height"] = line
                 self.sets.set_height(reading.height)
             case Sight():
                 sight = self._corrected(line, reading, time)
@@ -254,12 +266,58 @@ class Instrument:
     # -- a thread ---------------------------------------------------------------------------------
 
     def postings(self, stop: Event) -> Generator[Posting | None]:
-        """Yield postings as lines come, None while nothing does, until ``stop`` is set."""
-        for line in self.source.lines(stop, self.health):
-            yield from self.pause(clock.time()) if line is None else self.take(line)
+        """Yield postings as lines come, None while nothing does, until ``stop`` is set.
+
+        Sets that are open then are not posted where their lines come again after a restart: those
+        of a file, and those of `LineLog`.
+
+        Raises:
+            InputError: the log of lines cannot be read.
+        """
+        if self.log is not None and not self._is_begun:
+            for line in self.log.lines():
+                yield from self.pause(line.received)
+                yield from self.take(line)
+        self._is_begun = True
+        yield None
+        for found in self.source.lines(stop, self.health):
+            if found is None:
+                yield from self.pause(clock.time())
+            else:
+                self._keep(found)
+                yield from self.take(found)
             yield None
-        yield from self.finish()
+        yield from self._rest() if stop.is_set() else self.finish()
         self.health.set_state("stopped")
+
+    def _rest(self) -> list[Posting]:
+        """Return the sets that are open when the program ends, if their lines do not come again."""
+        return [] if self._is_kept or self.log is not None else self.finish()
+
+    def _keep(self, line: ReceivedLine) -> None:
+        """Write a line of a live source to the log."""
+        self._is_kept = bool(line.place)
+        if self.log is None or self._is_kept:
+            return
+        try:
+            self.log.append(line)
+        except OSError as error:
+            self.health.count("not_kept")
+            what = f"lines are not kept: {self.log.path}: {system_reason(error)}"
+            self.health.trouble(what, line.received)
+
+    def _forget_posted(self) -> None:
+        """Leave in the log what a restart still needs, after all else was posted."""
+        if self.log is None or self.sets.sets:
+            return
+        if self.health.counts["not_kept"]:
+            self.log.number = -1  # what the file has is not known
+        lines = sorted(dict.fromkeys(self._set_up.values()), key=lambda x: x.received)
+        try:
+            self.log.keep(lines)
+        except OSError as error:
+            what = f"{self.log.path} keeps lines that were posted: {system_reason(error)}"
+            self.health.trouble(what, clock.time())
 
     def run(self, post: Callable[[Posting], object], stop: Event) -> None:
         """Post until ``stop`` is set.
@@ -270,8 +328,7 @@ class Instrument:
                 order, after `RETRY_S` seconds.
             stop: ends the run, within a second.
         """
-        waiting: deque[Posting] = deque()
-        again = 0.0
+        waiting, again = self._waiting, 0.0
         # A source that keeps what is not posted is asked for more only when all of it is.
         keeps = getattr(self.source, "keeps_lines", False)
         with closing(self.postings(stop)) as postings:
@@ -287,8 +344,11 @@ class Instrument:
                     if not keeps:
                         break
                 if keeps and waiting:  # they come again
-                    waiting = deque(self.finish())
+                    waiting.clear()
+                    waiting += self._rest()
                     break
+                if found is None and not waiting:
+                    self._forget_posted()
         while waiting and self._post(post, waiting[0]):
             waiting.popleft()
         self.health.set_state("stopped")

@@ -15,6 +15,7 @@
     distance_meter = "edm"             # name in the network of scale and zero of distances
     refraction = "ts1"                 # name in the network of the coefficient of refraction
     only_targets = false               # true: sights of other targets are left out
+    keep_lines = "ts1.lines"           # file of lines that are not posted yet, for a restart
     clock = "instrument"               # or "receipt", or "stated", see `message_rules`
     utc_offset = "1 h"                 # clock of the instrument minus UTC
     clock_tolerance = "5 s"
@@ -106,6 +107,7 @@ class InstrumentSettings:
     set_pause: float = 300.0
     distance_meter: str | None = None
     refraction: str | None = None
+    keep_lines: str | None = None
     clock: ClockChoice = "instrument"
     utc_offset: float = 0.0
     clock_tolerance: float = 5.0
@@ -117,6 +119,11 @@ class InstrumentSettings:
     target_heights: ByTarget = field(default_factory=ByTarget)
     accuracies: Accuracies = DEFAULT_ACCURACIES
     atmosphere: AtmosphereSettings | None = None
+
+    @property
+    def keep_lines_at(self) -> Path:
+        """File of the log of lines."""
+        return self.folder / (self.keep_lines or "")
 
     def make_source(self) -> LineSource:
         """Return the source."""
@@ -181,6 +188,11 @@ def read_instruments(
         if found is not None and any(found.name == other.name for other in out):
             row.wrong(f"the name {found.name!r} stands twice")
         out += [found] if found is not None else []
+    files = [s.keep_lines_at for s in out if s.keep_lines is not None]
+    for s in out:
+        if s.keep_lines is not None and files.count(s.keep_lines_at) > 1:
+            row = FieldRow({}, where, problems, f"[[instrument]] {s.name!r}")
+            row.wrong(f"keep_lines: {s.keep_lines!r} is that of another instrument, too")
     names = [s.name for s in out]
     for s in out:
         if s.atmosphere is not None and s.atmosphere.sensor not in (None, *names):
@@ -204,7 +216,7 @@ def _instrument(
     if out["network"] and networks is not None and out["network"] not in networks:
         valid = known(networks, meant=out["network"])
         row.wrong(f"network: there is no network {out['network']!r}; known: {valid}")
-    for name in ("station", "distance_meter", "refraction"):
+    for name in ("station", "distance_meter", "refraction", "keep_lines"):
         out[name] = row.text(name)
     out["instrument_height"] = row.number("instrument_height")
     out["post"] = row.choice("post", get_args(PostChoice), "sets")

@@ -113,6 +113,7 @@ source = "tcp://{host}:{port}"
 grammar = "gsi-online"
 station = "{of.station}"
 targets = [{targets}]
+keep_lines = "{of.name}.lines"
 clock = "{clock}"
 [instrument.accuracies]
 sigma_direction_mgon = {a.sigma_direction_mgon}
