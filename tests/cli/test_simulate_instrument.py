@@ -42,7 +42,9 @@ def test_a_site_that_it_writes_receives_its_sets(tmp_path: Path):
             assert said[-1], process.stderr.read()
         document = tomllib.loads((tmp_path / "site" / "site.toml").read_text())
         assert fga.read_project(tmp_path / "site").points["R1"].fixed == (True, True, True)
-        (settings,) = read_instruments(document["instrument"], where="site.toml")
+        (settings,) = read_instruments(
+            document["instrument"], where="site.toml", folder=tmp_path / "site"
+        )
         assert settings.clock == "stated"
         postings, stop = [], Event()
         instrument = Instrument(settings)

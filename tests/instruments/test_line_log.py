@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from threading import Event
+from threading import Event, Thread
 
 import pytest
 
@@ -85,6 +85,31 @@ def test_what_the_network_did_not_take_is_posted_after_the_next_start(received, 
     of.run(away, Event())
     posted = run(instrument(station, tmp_path, []))
     assert len(posted) == 3 and tried[0] == posted[0].request
+
+
+def test_a_set_in_a_file_that_is_not_whole_is_not_posted_at_the_end(received, tmp_path):
+    """Its lines come again after the next start, with those that complete it."""
+    lines, station = received
+    path = tmp_path / "ts1.gsi"
+    path.write_bytes(b"".join(x.text + b"\n" for x in lines[:70]))
+    table = {"name": "ts1", "network": "tunnel", "source": "file:ts1.gsi"}
+    table |= {"grammar": "gsi-online", "targets": list(station.targets)}
+    (settings,) = read_instruments([table], where="site.toml", folder=tmp_path)
+    posted = [[], []]
+    for number, expected in ((70, 1), (len(lines), 3)):
+        path.write_bytes(b"".join(x.text + b"\n" for x in lines[:number]))
+        of, stop, found = Instrument(settings), Event(), posted[number > 70]
+        thread = Thread(target=of.run, args=(found.append, stop))
+        thread.start()
+        for _ in range(500):
+            if of.health.counts["lines"] == number and len(found) >= expected:
+                break
+            stop.wait(0.02)
+        stop.set()
+        thread.join(10)
+        assert len(found) == expected
+    assert posted[0][0].request == posted[1][0].request
+    assert len({p.request for p in posted[1]}) == 3
 
 
 def test_a_run_after_a_fault_of_the_program_loses_and_doubles_nothing(received, tmp_path):

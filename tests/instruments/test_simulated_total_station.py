@@ -32,6 +32,7 @@ def site_of(make, **options):
 def settings_of(station, port=4001, network="dam", speed=60.0, **keys):
     document = tomllib.loads(instrument_table(station, port=port, network=network, speed=speed))
     document["instrument"][0].update(keys)
+    del document["instrument"][0]["keep_lines"]
     (found,) = read_instruments(document["instrument"], where="site.toml")
     return found
 
