@@ -268,8 +268,8 @@ class CannedSite:
         self.causes: Record = {"most_probable": None, "undecided": [], "causes": []}
         self.alarms: list[Record] = []
         self.instruments = [
-            instrument("ts1", "small", "ok", now - 2),
-            instrument("level", "small", "ok", now - 40),
+            instrument("ts1", "small", "receiving", now - 2),
+            instrument("level", "small", "receiving", now - 40),
             instrument("ts2", "tunnel", "silent", now - 4000),
         ]
         self.instruments[2]["problem"] = "no line for 66 min; connection refused by 10.0.0.12:4001"
@@ -470,13 +470,15 @@ def instrument(name: str, network: str, state: str, last: float) -> Record:
     return {
         "name": name,
         "network": network,
-        "source": "tcp://10.0.0.12:4001",
-        "grammar": "gsi-online",
         "state": state,
         "last_message": last,
-        "messages": 41_233,
+        "lines": 41_233,
+        "readings": 41_100,
         "refused": 2,
-        "clock_offset_s": -0.4,
+        "clock_offset": -0.4,
         "gaps": 1,
-        "problem": None,
+        "late": 0,
+        "problem": "",
+        "problem_time": None,
+        "events": [{"time": last - 7, "count": "gaps", "what": "no line for 61 s"}],
     }

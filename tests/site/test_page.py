@@ -127,7 +127,7 @@ def test_the_light_says_why(browser, server):
         row = site.arrive(state="suspect")
         v.sees(".light.doubts", "One suspect observation waits")
         v.sees("#lamp", "Doubts")
-        site.fail_instrument("ts1", "faulty", "no prism")
+        site.fail_instrument("ts1", "connecting", "connection refused")
         v.sees(".light.doubts", "ts1")
         site.raise_alarm()
         v.sees(".light.alarm", "crest: displacement of D3, D4")
@@ -136,6 +136,20 @@ def test_the_light_says_why(browser, server):
         v.holds("() => /crest/.test(document.getElementById('say-alarm').textContent)")
         assert v.page.locator("#say-alarm").get_attribute("role") == "alert"
         assert row["id"] in site.networks["small"].observations
+
+
+def test_what_could_not_be_read_makes_no_green_light(browser, server):
+    for row in server.site.networks["small"].observations.values():
+        row["state"] = "accepted"
+    with visit(browser, server, wait=False) as v:
+        answers = {"error": [{"where": "", "what": "broken"}]}
+        v.page.route("**/api/v1/alarms?*", lambda r: r.fulfill(status=500, json=answers))
+        v.page.reload()
+        v.sees(".light.doubts", "Alarms could not be read")
+        v.page.unroute("**/api/v1/alarms?*")
+        v.page.route("**/api/v1/alarms?*", lambda r: r.fulfill(status=404, json=answers))
+        v.page.reload()
+        v.sees(".light.ok", "no rules for alarms")
 
 
 def test_alarms_are_acknowledged_and_silenced(browser, server):
@@ -413,10 +427,14 @@ def test_epochs_are_opened_and_ended(browser, server):
 def test_instruments_show_their_health(browser, server):
     with visit(browser, server) as v:
         v.go("instruments")
-        v.sees("[data-instrument=ts1] .pill.ok")
-        server.site.fail_instrument("ts1", "faulty", "no prism found at 12.3 gon")
-        v.sees("[data-instrument=ts1] .pill.faulty")
-        v.sees("[data-instrument=ts1]", "no prism found")
+        v.sees("[data-instrument=ts1] .pill.receiving")
+        v.sees("[data-instrument=ts1]", "Refused lines")
+        assert "Late" not in v.text("[data-instrument=ts1]")  # what has not happened
+        v.page.locator("[data-instrument=ts1] summary").click()
+        v.sees("[data-instrument=ts1] li", "no line for 61 s")
+        server.site.fail_instrument("ts1", "connecting", "connection refused by 10.0.0.12:4001")
+        v.sees("[data-instrument=ts1] .pill.connecting", "no connection")
+        v.sees("[data-instrument=ts1] .problem", "connection refused")
         assert v.page.locator("[data-instrument=ts2]").count() == 0  # of another network
 
 

@@ -232,7 +232,17 @@ def plain(browser):
         yield found
 
 
-@pytest.mark.parametrize("size", [DESK, PHONE], ids=["desk", "phone"])
+@pytest.mark.parametrize(
+    "size",
+    [
+        pytest.param(DESK, id="desk"),
+        pytest.param(
+            PHONE,
+            id="phone",
+            marks=pytest.mark.slow("the same on a phone, whose canvas has four times the pixels"),
+        ),
+    ],
+)
 def test_ten_thousand_points_are_drawn_and_moved(plain, server, size, capsys):
     with visit(plain, server, size=size, at="#/small/overview") as v:
         v.sees(".light")

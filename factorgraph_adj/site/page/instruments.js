@@ -5,6 +5,8 @@ import { context, now, on, watch } from "./live.js";
 import { part, pill } from "./parts.js";
 import { instrumentsOf } from "./state.js";
 
+const TROUBLES = ["refused", "without_reading", "doubled", "late", "gaps", "clock_jumps", "doubtful_faces", "left_out", "not_posted", "refused_postings"];
+
 export function instruments(root, _, signal) {
   const box = part(null);
   root.append(box.node);
@@ -19,12 +21,15 @@ export function instruments(root, _, signal) {
       return h("li", { class: "card", "data-instrument": i.name },
         h("h2", {}, i.name, " ", pill(i.state)),
         h("p", { class: "note" }, [i.grammar, i.source, i.network !== context.network ? i.network : null].filter(Boolean).join(" · ")),
-        i.problem ? h("p", { class: "problem", lang: "en" }, i.problem) : null,
+        i.problem ? h("p", { class: i.state === "receiving" ? "why" : "problem" }, i.problem_time ? [moment(i.problem_time), " "] : null, h("span", { lang: "en" }, i.problem)) : null,
         figures([
           [t("last_message"), [moment(i.last_message, { withSeconds: true }), " ", age]],
-          [t("messages"), i.messages ?? "–"], [t("refused"), i.refused ?? "–"], [t("gaps"), i.gaps ?? "–"],
-          [t("clock_offset"), isNumber(i.clock_offset_s) ? `${fixed(i.clock_offset_s, 1)} s` : "–"],
-        ], { class: "figures small" }));
+          [t("messages"), i.lines ?? "–"], [t("readings"), i.readings ?? "–"],
+          [t("clock_offset"), isNumber(i.clock_offset) ? `${fixed(i.clock_offset, 1)} s` : "–"],
+          // What should not happen is listed where it has happened.
+          ...TROUBLES.filter((c) => i[c]).map((c) => [t(`count_${c}`), i[c]]),
+        ], { class: "figures small" }),
+        (i.events ?? []).length ? h("details", {}, h("summary", {}, t("instrument_events")), h("ul", {}, i.events.toReversed().map((e) => h("li", {}, moment(e.time, { withSeconds: true }), " ", h("span", { lang: "en" }, e.what))))) : null);
     })) : h("p", { class: "note" }, t("no_instruments")));
   }), { events: ["instrument"], every: 10000, signal });
 }

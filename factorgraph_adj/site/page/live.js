@@ -203,6 +203,7 @@ export function watch(path, show, { events = [], least = 400, every = 0, signal 
 }
 
 export const peek = (path) => resources.get(path)?.data;
+export const errorOf = (path) => resources.get(path)?.error ?? null;
 export function readAllAgain() {
   for (const resource of resources.values()) { resource.begun = 0; resource.wish(); }
   if (context.network) fillLog();

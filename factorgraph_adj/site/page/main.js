@@ -98,7 +98,7 @@ function watchFrame() {
   const known = new Set();
   let first = true;
   const shine = () => {
-    const found = light(peek(here("")), peek("alarms?state=standing"), peek("instruments"));
+    const found = light();
     const made = pill(found.state, t(`light_name_${found.state}`));
     frame.lamp.className = made.className;
     fill(frame.lamp, ...made.childNodes);

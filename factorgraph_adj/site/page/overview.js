@@ -13,7 +13,7 @@ export function overview(root, _, signal) {
   root.append(lamp, h("div", { class: "two" }, h("div", {}, numbers.node, health.node), alarms.node));
 
   const shine = () => {
-    const { state, reasons } = light(peek(here("")), peek("alarms?state=standing"), peek("instruments"));
+    const { state, reasons } = light();
     lamp.className = `light ${state}`;
     lamp.dataset.state = state;
     fill(lamp, symbol(state), h("h2", {}, t(`light_name_${state}`)), reasons.length > 1 ? h("ul", {}, reasons.map((r) => h("li", {}, r))) : h("p", {}, reasons[0]));

@@ -26,6 +26,7 @@ export function part(title, { level = "h2", id } = {}) {
     node, body,
     show(resource, draw) {
       const { error, at, data } = resource;
+      notice.className = error?.status === 404 && data === undefined ? "note" : "problem";
       node.classList.toggle("old", Boolean(error) && data !== undefined);
       if (error) {
         node.style.setProperty("--as-of", `"${t("as_of", { at: stamp(at) })}"`);

@@ -1,6 +1,8 @@
 // The light of a network: ok, doubts, alarm or unknown, each with its reasons in sentences.
 import { fixed, stamp, t, word } from "./language.js";
-import { connection, context } from "./live.js";
+import { connection, context, errorOf, here, peek } from "./live.js";
+
+export const ALARMS = "alarms?state=standing", INSTRUMENTS = "instruments";
 
 export const countsOf = (summary) => context.counts ?? summary?.counts ?? {};
 export const sigma0Of = (summary) => countsOf(summary).sigma0 ?? summary?.sigma0;
@@ -18,20 +20,29 @@ export function alarmSentence(a) {
   }) + size;
 }
 
-export function light(summary, alarms, instruments) {
+// What could not be read is no good news: alarms and instruments that are not known make no light
+// green, unless the service has none.
+export function light() {
+  const summary = peek(here("")), alarms = peek(ALARMS), instruments = peek(INSTRUMENTS);
   if (connection.state !== "live" || !summary)
     return { state: "unknown", reasons: [connection.state === "lost" ? t("light_lost", { at: stamp(connection.heard, true) }) : t("light_reading")] };
+  const unread = [[ALARMS, alarms, "alarms"], [INSTRUMENTS, instruments, "instruments"]].map(([path, data, name]) => ({ name, error: errorOf(path), lacks: data === undefined }));
   const standing = alarmsOf(alarms), open = standing.filter((a) => a.state === "open");
   if (open.length) return { state: "alarm", reasons: open.map(alarmSentence) };
   const counts = countsOf(summary), sigma0 = sigma0Of(summary), [low, high] = summary.sigma0_limits ?? [];
-  const reasons = [];
+  const reasons = unread.filter((u) => u.error && u.error.status !== 404).map((u) => t("light_unread", { what: t(u.name) }));
+  if (!reasons.length && unread.some((u) => u.lacks && !u.error)) return { state: "unknown", reasons: [t("light_reading")] };
   for (const a of standing) reasons.push(t(a.state === "silenced" ? "light_silenced" : "light_acknowledged", { alarm: alarmSentence(a) }));
   if (counts.suspects) reasons.push(t("light_suspects", { n: counts.suspects }));
   if (counts.doubts) reasons.push(t("light_doubts", { n: counts.doubts }));
   if (low !== undefined && sigma0 !== null && (sigma0 < low || sigma0 > high))
     reasons.push(t(sigma0 > high ? "light_sigma0_high" : "light_sigma0_low", { sigma0: fixed(sigma0, 2), low: fixed(low, 2), high: fixed(high, 2) }));
   for (const i of instrumentsOf(instruments))
-    if (i.state !== "ok" && i.state !== "stopped") reasons.push(t("light_instrument", { name: i.name, state: word("state", i.state), last: stamp(i.last_message) }));
+    if (i.state !== "receiving" && i.state !== "stopped") reasons.push(t("light_instrument", { name: i.name, state: word("state", i.state), last: stamp(i.last_message) }));
   if (reasons.length) return { state: "doubts", reasons };
-  return { state: "ok", reasons: [t(low === undefined ? "light_ok" : "light_ok_tested", { n: counts.observations ?? "–", sigma0: fixed(sigma0, 2), low: fixed(low, 2), high: fixed(high, 2) })] };
+  const own = instrumentsOf(instruments);
+  return { state: "ok", reasons: [[
+    t(low === undefined ? "light_ok" : "light_ok_tested", { n: counts.observations ?? "–", sigma0: fixed(sigma0, 2), low: fixed(low, 2), high: fixed(high, 2) }),
+    alarms ? t("light_no_alarm") : t("light_alarms_none"), own.length ? t("light_instruments_well", { n: own.length }) : "",
+  ].join(" ").trim()] };
 }

@@ -17,9 +17,9 @@ const SHAPES = {
   dash: [["circle", { cx: 12, cy: 12, r: 10 }], ["path", { d: "M7 12h10", "data-cut": 1 }]],
 };
 export const SHAPE_OF = {
-  ok: "tick", accepted: "tick", stable: "tick", closed: "tick",
+  ok: "tick", receiving: "tick", connecting: "octagon", starting: "dots", accepted: "tick", stable: "tick", closed: "tick",
   doubts: "triangle", suspect: "question", silent: "triangle", acknowledged: "triangle", silenced: "triangle", again: "triangle",
-  alarm: "octagon", rejected: "octagon", faulty: "octagon", open: "octagon", moved: "octagon", refused: "octagon",
+  alarm: "octagon", rejected: "octagon", open: "octagon", moved: "octagon", refused: "octagon",
   unknown: "question", waiting: "dots", stopped: "dash", gone: "dash", plain: "dash",
 };
 
