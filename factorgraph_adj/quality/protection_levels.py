@@ -13,8 +13,8 @@ The tests are Baarda's w of each scalar observation and T² of each joint readin
 α0 of a single test; σ0 = 1. `factorgraph_adj.quality.integrity_risk` has the law of the risk,
 `factorgraph_adj.quality.fault_modes` the worst fault.
 
-After data snooping. Let S be the readings that data snooping rejected, m of N. A test that rejects
-none of the others ends the search, so that a result with S that is wrong by more than its level
+After data snooping. Let S be the observations that data snooping rejected, m of N. The search ends
+when no test rejects another one, so that a result without S that is wrong by more than its level
 L_S is an event of the adjustment without S. With an adjusted network for each S that might have
 been rejected, and with the risk of each,
 
@@ -98,7 +98,7 @@ class ProtectionLevels(Shown):
     outcome_risk: float
     """Risk of this outcome of data snooping; ρ without data snooping."""
     rejected: int | None
-    """Number of readings that data snooping rejected; None: an adjustment without it."""
+    """Number of observations that data snooping rejected; None: an adjustment without it."""
     accepted: bool
     """Whether no test rejects an observation of the adjustment. Otherwise the levels are those that
     an accepted result of this design would have."""
@@ -236,7 +236,7 @@ def protection_levels(
     names = tuple(solution.network.points) if points is None else tuple(points)
     numbers = np.array([solution.number("point", name) for name in names], dtype=np.intp)
     modes = FaultModes(rel, faults=faults)
-    share = risk if snooping is None else risk * _outcome_share(snooping, modes.readings.n)
+    share = risk if snooping is None else risk * _outcome_share(snooping)
     n = len(names)
     out = ProtectionLevels(
         solution,
@@ -291,15 +291,15 @@ def _refuse(solution: Solution, snooping: Snooping | None, risk: float, faults: 
 
 
 def _n_rejected(snooping: Snooping) -> int:
-    """Return the number of readings that data snooping rejected, those of factors among them."""
-    rays = sum(len(p.rays) for p in snooping.rejected_points)
-    return len(set(snooping.rejected_ids)) + rays + len(snooping.rejected_factors)
+    """Return the number of observations and factors that data snooping rejected."""
+    return len(set(snooping.rejected_ids)) + len(snooping.rejected_factors)
 
 
-def _outcome_share(snooping: Snooping, readings: int) -> float:
+def _outcome_share(snooping: Snooping) -> float:
     """Return 2^−(m+1)/(N over m), the part of the risk that this outcome has."""
-    m = _n_rejected(snooping)
-    n = readings + m
+    solution, m = snooping.solution, _n_rejected(snooping)
+    own = solution.equations.observation_of_row
+    n = m + len(np.unique(own)) + len(solution.normal().system.extra)
     ways = gammaln(n + 1.0) - gammaln(m + 1.0) - gammaln(n - m + 1.0)
     return float(np.exp(-ways - (m + 1.0) * np.log(2.0)))
 
