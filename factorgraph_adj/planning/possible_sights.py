@@ -157,13 +157,14 @@ def _finished(
 def _near(places: Places, stations: Index, targets: Index, reach: float) -> tuple[Index, Index]:
     """Return pairs of a station (its place among the given ones) and a point within reach."""
     at = places.coordinates
-    known = np.isfinite(at).all(axis=1)
-    begin, ends = np.flatnonzero(known[stations]), targets[known[targets]]
+    there: Mask = np.asarray(np.isfinite(at).all(axis=1))
+    begin, ends = np.flatnonzero(there[stations]), targets[there[targets]]
     if not len(begin) or not len(ends):
         return begin[:0], ends[:0]
-    found = KDTree(at[ends]).query_ball_point(at[stations[begin]], reach, return_sorted=True)
-    first = np.repeat(begin, [len(each) for each in found])
-    second = ends[np.concatenate([np.array(each, dtype=np.intp) for each in found])]
+    tree = KDTree(at[ends])
+    near: Any = tree.query_ball_point(at[stations[begin]], reach, return_sorted=True)
+    found = [np.array(each, dtype=np.intp) for each in near]
+    first, second = np.repeat(begin, list(map(len, found))), ends[np.concatenate(found)]
     far = np.linalg.norm(at[second] - at[stations[first]], axis=1) > LEAST_LENGTH
     return first[far], second[far]
 
