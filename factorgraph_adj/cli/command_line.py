@@ -1,9 +1,9 @@
 """Command ``factorgraph-adj``: its table of commands, parsers that suggest words, exit codes.
 
 Commands are new, check, convert, join, guess-columns, fetch-example, formats, compare, collocate,
-adjust, plot, stream, serve, plan, propose, simulate-instrument, completion. Each adds its arguments
-when it is called, and returns an exit code of `cli.messages`. Errors go to stderr as a list, each
-problem on a line.
+adjust, plot, stream, serve, send, plan, propose, simulate-instrument, completion. Each adds its
+arguments when it is called, and returns an exit code of `cli.messages`. Errors go to stderr as a
+list, each problem on a line.
 """
 
 from __future__ import annotations
@@ -45,6 +45,11 @@ COMMAND_MODULES = {
         "site_service",
         "add_serve",
         "serve a site: an API and a page for networks that grow while they are measured",
+    ),
+    "send": (
+        "site_sending",
+        "add_send",
+        "send observations to a site: JSON lines of a file or of standard input",
     ),
     "plan": ("design", "add_plan", "what a design will give; it needs no readings"),
     "propose": ("design", "add_propose", "the cheapest additions that meet the targets"),

@@ -34,7 +34,7 @@ class LiveEpoch:
     end: float | None
     """End, seconds UTC; None: by hand."""
     state: str
-    """``open`` or ``closed``."""
+    """``open``, ``closed``, or ``reopened``: closed, with late readings that its result lacks."""
     revision: int
     """Number of the results so far."""
     stream: Stream
@@ -206,9 +206,9 @@ class LiveEpochs:
         """Return the lines of all journals that are to be written, and forget them."""
         return [row for epoch in self._loaded.values() for row in epoch.journal.pending()]
 
-    def closed(self, epoch: LiveEpoch) -> None:
-        """Note that an epoch has ended, or has another result."""
-        epoch.state, epoch.revision = "closed", epoch.revision + 1
+    def turned(self, epoch: LiveEpoch, state: str) -> None:
+        """Note the state of an epoch, and the number of its results."""
+        epoch.state = state
         for row in self.rows():
             if row["number"] == epoch.number:
                 row |= {"state": epoch.state, "revision": epoch.revision}

@@ -247,6 +247,8 @@ class LiveNetwork:
     def _execute(self, tasks: Sequence[_Task], *, ends: bool) -> None:
         """Answer tasks, close what has ended, and write it all in one transaction."""
         batch = _Batch()
+        # Who has given up waiting was not acknowledged anything: it is not executed.
+        tasks = [t for t in tasks if t.future.set_running_or_notify_cancel()]
         try:
             for task in tasks:
                 self._one(task, batch)
@@ -280,7 +282,7 @@ class LiveNetwork:
         record = dict(task.record)
         if record.get("do") == "close epoch":
             epoch = self._epochs.present
-            if epoch.state == "closed":
+            if epoch.state != "open":
                 raise InputError(f"epoch {epoch.number} is closed already")
             result = self._close(epoch, batch)
             batch.actions.append(_action(task, "close epoch", {"epoch": epoch.number}))
@@ -297,8 +299,9 @@ class LiveNetwork:
             record["time"] = time
         answer = epoch.stream.answer_record(record, self._lines) | {"epoch": epoch.number}
         if answer["ok"] and do not in QUERIES:
-            if epoch.state == "closed":
+            if epoch.state != "open":
                 self._stale[epoch.number] = clock.monotonic()
+                self._reopen(epoch, batch)
             if request:
                 row = {"network": self.id, "request": request, "digest": digest}
                 row |= {"at": task.received, "answer": json.dumps(answer)}
@@ -403,9 +406,23 @@ class LiveNetwork:
                     self._close(self._epochs.epoch(row["number"]), batch)
         waited = IDLE_SECONDS if idle else 10.0 * IDLE_SECONDS
         waited = 0.0 if ends else waited
-        for number, since in list(self._stale.items()):
-            if clock.monotonic() - since >= waited:
-                self._close(self._epochs.epoch(number), batch)
+        for row in self._epochs.rows():
+            since = self._stale.get(row["number"], 0.0)  # 0: another process took late readings
+            if row["state"] == "reopened" and clock.monotonic() - since >= waited:
+                self._close(self._epochs.epoch(row["number"]), batch)
+
+    def _reopen(self, epoch: LiveEpoch, batch: _Batch) -> None:
+        """Record that the result of an epoch lacks late readings, in the transaction of these."""
+        from sqlalchemy import update
+
+        from .tables import epochs
+
+        if epoch.state == "closed":
+            self._epochs.turned(epoch, "reopened")
+            state = update(epochs).where(epochs.c.id == epoch.id).values(state="reopened")
+            batch.statements.append(state)
+            told = {"epoch": epoch.number, "what": "reopened", **epoch.summary()}
+            batch.events.append(("epoch", told))
 
     def _close(self, epoch: LiveEpoch, batch: _Batch) -> dict[str, Any]:
         """Settle an epoch and record its result."""
@@ -417,7 +434,8 @@ class LiveNetwork:
         inc = epoch.stream.adjustment
         if len(inc):
             inc.settle()
-        self._epochs.closed(epoch)
+        epoch.revision += 1
+        self._epochs.turned(epoch, "closed")
         self._stale.pop(epoch.number, None)
         result = epoch_result(epoch.stream, epoch.number, self._middle(epoch))
         changes = {"state": "closed", "revision": epoch.revision, "result": json.dumps(result)}

@@ -6,6 +6,7 @@ import asyncio
 import tempfile
 import zipfile
 from collections.abc import Callable
+from concurrent.futures import Future
 from io import BytesIO
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,7 +17,7 @@ from ..errors import InputError, Problem
 from ..io.project_writer import network_files
 from ..report.layout import finite_json
 from .dependencies import Decider, Network, Poster, Reader, TheSite
-from .live_network import COMMANDS_THAT_CHANGE, LiveNetwork
+from .live_network import COMMANDS_THAT_CHANGE, LiveNetwork, Overloaded
 from .observation_list import ObservationList, observation_list
 from .site import NoSuchThing
 from .views import EpochView
@@ -25,7 +26,8 @@ network_router = APIRouter(prefix="/networks/{name}", tags=["network"])
 MAX_POSTINGS = 1000
 """Largest number of postings in one request."""
 ANSWER_SECONDS = 120.0
-"""Time after which a request gives up waiting; the posting is executed nevertheless, seconds."""
+"""Time after which a request gives up waiting; a posting in hand is executed nevertheless, seconds.
+"""
 Answer = dict[str, Any]
 Posting = dict[str, Any]
 Names = Annotated[str, Query(max_length=20_000)]
@@ -67,10 +69,29 @@ async def post(
         do = posting.get("do", "add")
         if do != "add":
             site.access.require(caller, "decide" if do in COMMANDS_THAT_CHANGE else "read")
-    futures = [network.submit(p, caller.name) for p in postings]
-    wrapped = [asyncio.wrap_future(f) for f in futures]
-    answers = await asyncio.wait_for(asyncio.gather(*wrapped), ANSWER_SECONDS)
+    futures: list[Future[Answer]] = []
+    try:
+        futures += (network.submit(p, caller.name) for p in postings)
+    except Overloaded:
+        for future in futures:
+            future.cancel()
+        raise
+    answers = await _answered(futures)
     return answers if isinstance(body, list) else answers[0]
+
+
+async def _answered(futures: list[Future[Answer]]) -> list[Answer]:
+    """Return answers when all are on the disk.
+
+    Raises:
+        Overloaded: they do not come in time.
+    """
+    try:
+        async with asyncio.timeout(ANSWER_SECONDS):
+            return await asyncio.gather(*(asyncio.wrap_future(f) for f in futures))
+    except TimeoutError:
+        what = f"the network has not answered within {ANSWER_SECONDS:g} s: ask again"
+        raise Overloaded(what) from None
 
 
 @network_router.get("/points")
@@ -213,9 +234,7 @@ async def close_epoch(
     """End the present epoch; the next posting begins another one."""
     if not close:
         raise InputError('close must be true: {"close": true} ends the present epoch')
-    answer = await asyncio.wait_for(
-        asyncio.wrap_future(network.close_epoch(caller.name)), ANSWER_SECONDS
-    )
+    (answer,) = await _answered([network.close_epoch(caller.name)])
     if not answer["ok"]:
         raise InputError(answer["error"][0]["what"])
     return answer

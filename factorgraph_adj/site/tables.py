@@ -61,7 +61,8 @@ epochs = Table(
     Column("result", Text),
     UniqueConstraint("network", "number"),
 )
-"""The epochs of a network: ``state`` is open or closed; ``result`` is that of its last revision."""
+"""The epochs of a network: ``state`` is open, closed, or reopened (late readings came, and their
+result is not there yet); ``result`` is that of the last revision."""
 
 journal = Table(
     "journal",

@@ -1,0 +1,121 @@
+"""Outbox of a sender: postings on its disk until the site has acknowledged them, in order.
+
+What is put in is on the disk before `Outbox.put` returns, with a time and a request of its own, so
+that an outage of a day changes neither when a reading counts nor how often.
+"""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+import threading
+import time as clock
+import uuid
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ..errors import InputError, Problem
+
+TABLES = """\
+create table if not exists postings
+    (id integer primary key autoincrement, network text not null, record text not null);
+create table if not exists refused
+    (id integer primary key, network text not null, record text not null, answer text not null);
+"""
+"""Tables of the file."""
+
+
+class Kept(NamedTuple):
+    """One posting of an outbox."""
+
+    id: int
+    """Its number; postings are sent in the order of these."""
+    network: str
+    """Name of its network."""
+    record: dict[str, Any]
+    """The posting, with ``time`` and ``request``."""
+
+
+def requested(record: Mapping[str, Any], *, time: float | None = None) -> dict[str, Any]:
+    """Return a posting with a request of its own where it has none, and with a time.
+
+    Args:
+        record: a posting.
+        time: seconds since 1970 UTC, where the posting states none; None: it stays without one.
+    """
+    out = dict(record)
+    out.setdefault("request", uuid.uuid4().hex)
+    if time is not None:
+        out.setdefault("time", time)
+    return out
+
+
+class Outbox:
+    """Postings in a file of SQLite; threads may share it."""
+
+    def __init__(self, path: str | Path) -> None:
+        """Open a file, or make it.
+
+        Raises:
+            InputError: it cannot be opened, or is no outbox.
+        """
+        self.path = Path(path)
+        self._lock = threading.Lock()
+        try:
+            self._file = sqlite3.connect(self.path, check_same_thread=False, isolation_level=None)
+            self._file.execute("pragma journal_mode = wal")
+            self._file.execute("pragma synchronous = full")
+            self._file.executescript(TABLES)
+        except sqlite3.Error as error:
+            raise InputError(Problem(f"cannot be used as an outbox: {error}", str(path))) from None
+
+    def put(self, network: str, *records: Mapping[str, Any]) -> None:
+        """Keep postings, which are on the disk then.
+
+        Args:
+            network: name of their network.
+            records: postings; what states no ``time`` was measured now.
+        """
+        now = clock.time()
+        rows = [(network, json.dumps(requested(r, time=now))) for r in records]
+        with self._lock, self._file:
+            self._file.execute("begin immediate")
+            self._file.executemany("insert into postings (network, record) values (?, ?)", rows)
+
+    def first(self, most: int) -> list[Kept]:
+        """Return the oldest postings, all of one network."""
+        wanted = "select id, network, record from postings order by id limit ?"
+        with self._lock:
+            rows = self._file.execute(wanted, (most,)).fetchall()
+        kept = [Kept(key, network, json.loads(record)) for key, network, record in rows]
+        same = next((n for n, k in enumerate(kept) if k.network != kept[0].network), len(kept))
+        return kept[:same]
+
+    def done(self, sent: Sequence[Kept], answers: Sequence[Mapping[str, Any]]) -> None:
+        """Take out what was answered; what was refused is kept with its answer in ``refused``."""
+        refused = [
+            (k.id, k.network, json.dumps(k.record), json.dumps(a))
+            for k, a in zip(sent, answers, strict=True)
+            if not a.get("ok")
+        ]
+        with self._lock, self._file:
+            self._file.execute("begin immediate")
+            self._file.executemany("insert or replace into refused values (?, ?, ?, ?)", refused)
+            self._file.executemany("delete from postings where id = ?", [(k.id,) for k in sent])
+
+    def __len__(self) -> int:
+        """Return how many postings wait."""
+        with self._lock:
+            return int(self._file.execute("select count(*) from postings").fetchone()[0])
+
+    def refused(self) -> list[tuple[Kept, dict[str, Any]]]:
+        """Return the postings that the site refused, with its answers."""
+        wanted = "select id, network, record, answer from refused order by id"
+        with self._lock:
+            rows = self._file.execute(wanted).fetchall()
+        return [(Kept(i, n, json.loads(r)), json.loads(a)) for i, n, r, a in rows]
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
