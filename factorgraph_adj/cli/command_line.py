@@ -1,9 +1,9 @@
 """Command ``factorgraph-adj``: its table of commands, parsers that suggest words, exit codes.
 
 Commands are new, check, convert, join, guess-columns, fetch-example, formats, compare, collocate,
-adjust, plot, stream, serve, send, plan, propose, simulate-instrument, completion. Each adds its
-arguments when it is called, and returns an exit code of `cli.messages`. Errors go to stderr as a
-list, each problem on a line.
+adjust, plot, stream, serve, send, backup, restore, plan, propose, simulate-instrument, completion.
+Each adds its arguments when it is called, and returns an exit code of `cli.messages`. Errors go to
+stderr as a list, each problem on a line.
 """
 
 from __future__ import annotations
@@ -51,6 +51,12 @@ COMMAND_MODULES = {
         "add_send",
         "send observations to a site: JSON lines of a file or of standard input",
     ),
+    "backup": (
+        "site_backup",
+        "add_backup",
+        "write a site into an archive, also while it is served",
+    ),
+    "restore": ("site_backup", "add_restore", "make a site of an archive"),
     "plan": ("design", "add_plan", "what a design will give; it needs no readings"),
     "propose": ("design", "add_propose", "the cheapest additions that meet the targets"),
     "new": ("new_project", "add_new", "make a project folder from the files of a survey"),

@@ -147,19 +147,28 @@ class Database:
         return None
 
     def _upgrade(self) -> None:
-        """Bring the tables to this version.
+        """Bring the tables to this version; only who serves a database changes tables that it has.
 
         Raises:
-            InputError: the database is of a newer version.
+            InputError: the database is of a newer version, or of an older one that is not served.
         """
         from alembic import command
         from alembic.config import Config
+        from alembic.runtime.migration import MigrationContext
+        from alembic.script import ScriptDirectory
         from alembic.util import CommandError
 
         config = Config()
         config.set_main_option("script_location", str(MIGRATIONS))
         with self._lock, self.engine.connect() as connection:
             config.attributes["connection"] = connection
+            there = MigrationContext.configure(connection).get_current_revision()
+            head = ScriptDirectory.from_config(config).get_current_head()
+            if not self._serves and there not in (None, head):
+                what = (
+                    f"has tables of revision {there}, not {head}: serve it with this version first"
+                )
+                raise InputError(Problem(what, self.where))
             try:
                 command.upgrade(config, "head")
             except CommandError as error:
@@ -215,6 +224,26 @@ class Database:
                 lost, self._writer = self._writer, None
                 with suppress(Exception):
                     lost.close()
+
+    def revision(self, connection: Connection) -> str:
+        """Return the revision of the tables."""
+        from sqlalchemy import text
+
+        return str(connection.execute(text("select version_num from alembic_version")).scalar())
+
+    def number_on(self, connection: Connection) -> None:
+        """Let numbers that the database gives go on after those of rows that were written."""
+        from sqlalchemy import text
+
+        from .tables import metadata
+
+        if self.path is not None:  # SQLite counts on by itself
+            return
+        for table in metadata.sorted_tables:
+            if "id" in table.c:
+                sequence = f"pg_get_serial_sequence('{table.name}', 'id')"
+                largest = f"(select max(id) from {table.name})"
+                connection.execute(text(f"select setval({sequence}, {largest})"))
 
     def close(self) -> None:
         """Give the database back."""

@@ -46,6 +46,15 @@ def test_a_database_of_a_newer_version_is_refused(tmp_path):
         Database(database_of(tmp_path))
 
 
+def test_only_who_serves_a_database_upgrades_it(tmp_path):
+    database = Database(database_of(tmp_path))
+    with database.writing() as connection:
+        connection.exec_driver_sql("update alembic_version set version_num = '0000'")
+    database.close()
+    with pytest.raises(InputError, match="revision 0000"):
+        Database(database_of(tmp_path), serve=False)
+
+
 def test_a_value_that_breaks_a_rule_of_the_database_is_not_half_written(tmp_path):
     database = Database(database_of(tmp_path))
     with pytest.raises(DatabaseAway), database.writing() as connection:
