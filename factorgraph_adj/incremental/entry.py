@@ -402,11 +402,7 @@ class Entry:
         if not len(self.stay):
             return False
         alpha, failed = self.rules.alpha, self.rules.failed
-
-        def touching(i: int, variables: Collection[Variable]) -> bool:
-            return not set(variables).isdisjoint(joint.units[i].variables)
-
-        decision = decide(joint, alpha, self._untested(), self.new, touching)
+        decision = decide(joint, alpha, self._untested(), self.new)
         if not decision.out and not decision.back:
             return False
         verdicts = list(left_out(joint, decision, failed, alpha, self.given))

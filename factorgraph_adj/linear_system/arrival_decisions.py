@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
@@ -93,7 +93,6 @@ def decide(
     alpha: float,
     fixed: Mask,
     new: Collection[Variable],
-    touching: Callable[[int, Collection[Variable]], bool],
 ) -> Decision:
     """Leave out units one by one, the one with the largest T²/critical first.
 
@@ -102,9 +101,10 @@ def decide(
         alpha: probability of a false alarm of one test.
         fixed: which units stay whatever their tests say, (n,).
         new: variables that enter with them.
-        touching: returns whether a unit touches any of some variables.
     """
     tested = joint.tested()
+    entering = set(new)
+    own: list[set[Variable]] = []  # of each unit: most arrivals do not ask for them
     out = Decision(stay=list(range(len(tested.rows))))
     while out.stay:
         ratios = np.where(fixed, 0.0, tested.ratios(alpha))[out.stay]
@@ -114,18 +114,42 @@ def decide(
         i = out.stay[worst]
         values, vectors = np.linalg.eigh(tested.block(i))
         tied = vectors[:, values <= SINGULAR_REDUNDANCY]
-        lost = joint.held_by(i, tied, new) if tied.shape[1] else set()
-        # Without it something is not determined: whatever joins that goes back to waiting.
-        gone = [j for j in out.stay if touching(j, lost)]
-        if gone:
+        lost: set[Variable] = set()
+        if tied.shape[1]:
+            own = own or [entering.intersection(unit.variables) for unit in joint.units]
+            if joined := _joined(own[i], [own[j] for j in out.stay]):
+                lost = joint.held_by(i, tied, joined)
+        if lost:
+            # Without it something is not determined: whatever joins that goes back to waiting.
+            gone = [j for j in out.stay if not lost.isdisjoint(own[j])]
             out.back += gone
             out.loose |= lost
-        else:  # a variable that no unit joins any more was lost with others before
+        else:
             gone = [i]
             out.out[i] = tested.figures(joint.raw, np.array([i]))
         for j in gone:
             tested.leave_out(j)
         out.stay = [j for j in out.stay if j not in gone]
+    return out
+
+
+def _joined(some: set[Variable], units: Sequence[set[Variable]]) -> set[Variable]:
+    """Return new variables with all others that units join to them.
+
+    Known variables are determined without what enters. Hence a unit determines no others than
+    these: it may improve a weak known variable, and displace what only touches that, but without it
+    both are as well determined as before.
+
+    Args:
+        some: the variables.
+        units: new variables of each unit.
+    """
+    out: set[Variable] = set()
+    found, rest = set(some), list(units)
+    while found > out:
+        out = found
+        found = out.union(*(own for own in rest if not own.isdisjoint(out)))
+        rest = [own for own in rest if own.isdisjoint(out)]
     return out
 
 
