@@ -128,7 +128,7 @@ export class Plan {
     if (!sizes.length) return 1000;
     const middle = sizes[Math.floor(sizes.length * 0.7)];
     // Of many points, ellipses stay smaller than the distance to the next.
-    return Math.max(niceBelow(Math.min(26, Math.max(0.55 * this.apart(), 5)) / (this.k * middle)), 1);
+    return Math.max(niceBelow(Math.min(26, Math.max(0.5 * this.apart(), 2)) / (this.k * middle)), 1);
   }
 
   // -- window -----------------------------------------------------------------------------------
