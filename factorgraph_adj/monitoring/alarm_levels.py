@@ -40,8 +40,6 @@ class RuleLevels:
     """Relative standard deviation of the rates that were simulated, by the names of the rules."""
     shares: Mapping[str, float]
     """Share of the reference in the variance of the displacements, by points."""
-    of_congruence: Mapping[str, float]
-    """Levels of the rules of congruence tests."""
 
     @classmethod
     def of(
@@ -106,10 +104,7 @@ class RuleLevels:
                     levels[rule.name], errors[rule.name] = each.level, each.relative_error
             except InputError as error:
                 raise InputError(Problem(str(error), f"alarm {rule.name!r}")) from error
-        tests = {
-            r.name: levels[r.name] for r in rules if r.test == "congruence" and r.name in levels
-        }
-        return cls(levels, errors, shares, tests)
+        return cls(levels, errors, shares)
 
     def critical(self, rule: AlarmRule, freedom: int) -> float:
         """Return the critical value of T of a rule; of a cusum the limit H.

@@ -7,7 +7,7 @@ points and k of n epochs:
   of the reference that all epochs have in common.
 - cusum: from the average run length of an integral equation, see
   `factorgraph_adj.monitoring.cumulative_sums`, exactly; the innovations have no reference in
-  common. The rate is that from S = 0 on, without the time in which an alarm is raised.
+  common. It is the rate in the long run: the sums begin at 0, and raise fewer in the first weeks.
 - velocity: from a seeded simulation, see `factorgraph_adj.monitoring.velocity_rates`, with its
   relative standard deviation.
 

@@ -32,6 +32,7 @@ from .alarm_rules import (
     AlarmRule,
     AlarmState,
     TestedEpoch,
+    epochs_per_month,
     matches,
     next_alarm,
     outcome_of,
@@ -43,9 +44,13 @@ from .epoch_estimates import EpochEstimate
 from .mean_estimates import MeanEstimate, mean_estimate
 from .motion_filter import DAY_S, Motion, MotionModel
 
-REFERENCE_ALPHA = 1e-4
-"""Probability with which reference points that kept their places are searched for one that moved,
-in each epoch, where no rule of a congruence test states it."""
+MAX_REFERENCE_ALPHA = 1e-4
+"""Largest probability with which reference points that kept their places are searched for one that
+moved, in an epoch."""
+REFERENCE_PART = 0.1
+"""Largest number of such searches in a month, relative to the lowest stated rate. A point that
+leaves by chance has the largest error of all, and takes the displacements of the objects with it:
+where the search had the level of a rule (one in 60 epochs), a third more alarms were raised."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,9 +240,9 @@ class Monitor:
         )
 
     def _reference_alpha(self) -> float:
-        if self._levels is None:
-            return REFERENCE_ALPHA
-        return min(self._levels.of_congruence.values(), default=REFERENCE_ALPHA)
+        rates = [r.false_alarms_per_month for r in self.rules]
+        lowest = REFERENCE_PART * min(rates, default=1.0) / epochs_per_month(self.interval)
+        return min(MAX_REFERENCE_ALPHA, lowest)
 
     def _compared_with_last(self, epoch: EpochEstimate) -> EpochComparison | None:
         if not self.last or len(self._recent) < self.last:

@@ -21,7 +21,7 @@ from scipy.stats import binom, poisson
 
 import factorgraph_adj as fga
 from factorgraph_adj.monitoring.alarm_rules import AlarmRule
-from factorgraph_adj.monitoring.cumulative_sums import next_sum
+from factorgraph_adj.monitoring.cumulative_sums import limit_of_run_length, next_sum
 from factorgraph_adj.monitoring.epoch_estimates import EpochEstimate
 from factorgraph_adj.monitoring.monitor import Findings, Monitor
 from factorgraph_adj.monitoring.motion_filter import DAY_S
@@ -178,7 +178,7 @@ def _expected(rule: AlarmRule, level: float, epochs: int, points: int) -> float:
     """Return the expected number of false alarms of one point in its first epochs."""
     share = 1.0 / (1.0 + REFERENCE)
     if rule.test == "cusum":
-        return epochs / level
+        return float(_cusum_raisings(rule, level)[:epochs].sum())
     if rule.test == "velocity":
         return float(_velocity_raisings(rule, level)[:epochs].sum())
     freedom = 3 * 7 - 6 if rule.test == "congruence" else 3
@@ -186,11 +186,26 @@ def _expected(rule: AlarmRule, level: float, epochs: int, points: int) -> float:
 
 
 @cache
+def _cusum_raisings(rule: AlarmRule, level: float) -> np.ndarray:
+    """Return the expected number of false alarms of the sums of a point from 0 on, by epochs."""
+    limit = limit_of_run_length(3, rule.allowance, level)
+    rng, n = np.random.default_rng(8), 100_000
+    s, out = np.zeros((n, 3)), np.zeros(EPOCHS - REFERENCE)
+    for i in range(len(out)):
+        s = next_sum(s, rng.standard_normal(s.shape), rule.allowance)
+        beyond = np.linalg.norm(s, axis=1) > limit
+        out[i] = beyond.sum() / n
+        s = s[~beyond]
+    return out
+
+
+@cache
 def _velocity_raisings(rule: AlarmRule, level: float) -> np.ndarray:
     """Return the expected number of false alarms of the velocity of a point, by epochs."""
     rng = np.random.default_rng(7)
     t = _velocity_rate(0.00036).simulated(100_000, EPOCHS - REFERENCE, rng)
-    return raisings(t, float(chi2_upper_quantile(level, 3)), rule.life).mean(axis=0)
+    begun = raisings(t, float(chi2_upper_quantile(level, 3)), rule.life)
+    return np.asarray(begun.mean(axis=0))
 
 
 def _velocity_rate(sigma: float) -> VelocityRate:
@@ -207,8 +222,6 @@ def _creep_power(rule: AlarmRule, level: float, epochs: int, sigma: float) -> fl
     if rule.test == "velocity":
         by = _velocity_rate(sigma).detection(level, rule.life, per_second, begin, epochs)
         return float(by[-1])
-    from factorgraph_adj.monitoring.cumulative_sums import limit_of_run_length
-
     limit = limit_of_run_length(3, rule.allowance, level)
     rng = np.random.default_rng(3)
     n, total = 20_000, begin + epochs
