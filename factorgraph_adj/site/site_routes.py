@@ -95,7 +95,10 @@ def instruments(site: TheSite, caller: Reader) -> list[Answer]:
 
 @site_router.post("/session")
 def log_in(
-    site: TheSite, request: Request, response: Response, token: Annotated[str, Body(embed=True)]
+    site: TheSite,
+    request: Request,
+    response: Response,
+    token: Annotated[str, Body(embed=True, max_length=200, pattern=r"^[!-~]+$")],
 ) -> Answer:
     """Log a browser in with a token, which a cookie then holds that no script can read."""
     caller = site.access.caller(token)
