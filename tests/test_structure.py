@@ -119,7 +119,7 @@ EXTRAS = {
 """Optional; imported when they are needed, and where."""
 OF_EXTRAS = (
     *("site.tables", "site.migrations", "site.api", "site.dependencies"),
-    *("site.site_routes", "site.network_routes"),
+    *("site.site_routes", "site.network_routes", "site.epoch_routes"),
 )
 """Modules that only an extra uses; no module outside their room imports them before it runs."""
 

@@ -16,6 +16,7 @@ from ..errors import AdjustmentError, InputError, Problem
 from ..version import __version__
 from .access import NotAllowed, TooFast
 from .database import DatabaseAway
+from .epoch_routes import epoch_router
 from .live_network import OtherRequest, Overloaded
 from .network_routes import network_router
 from .site import NoSuchThing, Site
@@ -119,6 +120,7 @@ def application(site: Site, *, lifespan: bool = True) -> FastAPI:
 
     app.include_router(site_router, prefix=API)
     app.include_router(network_router, prefix=API)
+    app.include_router(epoch_router, prefix=API)
     _add_page(app)
     return app
 

@@ -2,10 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Any
+import json
+from typing import TYPE_CHECKING, Any
 
 from ..errors import AdjustmentError
+from ..monitoring.epoch_estimates import EpochEstimate
+from ..quality.observation_groups import observation_groups
+from ..quality.reliability import Reliability
+from ..report.layout import finite_json
+from ..service.answers import rounded_figure
 from ..service.stream import Stream
+
+if TYPE_CHECKING:
+    from sqlalchemy import Connection
+
+MIN_REDUNDANCY = 1e-3
+"""Redundancy of a kind below which its observations say nothing about their precision."""
 
 
 def epoch_result(stream: Stream, number: int, time: float) -> dict[str, Any]:
@@ -25,4 +37,51 @@ def epoch_result(stream: Stream, number: int, time: float) -> dict[str, Any]:
         return out | {"problem": str(error), "estimate": None}
     answer = stream.answers.solution(solution)
     out |= {name: answer[name] for name in ("converged", "reason", "sigma0", "redundancy")}
-    return out | {"points": answer["points"], "estimate": None}
+    out |= {"points": answer["points"], "estimate": None}
+    out["groups"] = group_figures(inc.reliability(power=stream.power))
+    try:
+        estimate = EpochEstimate.of(solution, number, time)
+    except AdjustmentError as error:
+        return out | {"problem": str(error)}
+    return out | {"estimate": estimate.to_json()}
+
+
+def group_figures(found: Reliability) -> list[dict[str, Any]]:
+    """Return σ̂ of the observations of each kind from this epoch alone, in their stated σ.
+
+    s = √(Σ ṽ² / Σ r) over the rows of the kind, with weighted residuals ṽ: the first step of the
+    estimation of variance components. ``component`` is s, null where nothing is redundant.
+    """
+    solution = found.solution
+    groups = observation_groups(solution, "kind")
+    v = solution.equations.residuals(solution.state)[: len(groups.of_row)]
+    out = []
+    for number, name in enumerate(groups.names):
+        rows = groups.of_row == number
+        redundancy = float(found.redundancy_numbers[rows].sum())
+        ratio = float(v[rows] @ v[rows]) / redundancy if redundancy > MIN_REDUNDANCY else None
+        figures: dict[str, Any] = {"name": name, "n": int(rows.sum())}
+        figures |= {"redundancy": rounded_figure(redundancy)}
+        figures["component"] = None if ratio is None else rounded_figure(ratio**0.5)
+        out.append(figures)
+    return out
+
+
+def record_result(
+    connection: Connection, epoch: int, revision: int, result: dict[str, Any]
+) -> None:
+    """Record the result of an epoch in a transaction.
+
+    Args:
+        connection: connection of the transaction.
+        epoch: id of its row.
+        revision: number of the result.
+        result: the result.
+    """
+    from sqlalchemy import update
+
+    from .tables import epochs
+
+    text = json.dumps(finite_json(result), ensure_ascii=False)
+    values = {"state": "closed", "revision": revision, "result": text}
+    connection.execute(update(epochs).where(epochs.c.id == epoch).values(**values))

@@ -27,15 +27,22 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import AdjustmentError, InputError, Problem
 from ..io.project import Project
 from ..service.answers import Answer, refusal
+from .alarm_log import reconcile
+from .alarm_tables import SiteAlarm
 from .database import Database, DatabaseAway
+from .epoch_results import epoch_result, record_result
 from .live_epochs import LiveEpoch, LiveEpochs
 from .site_file import NetworkSettings
+from .surveillance import Surveillance, shown_findings
 from .tables import MAX_LETTERS_OF_NAME
+
+if TYPE_CHECKING:
+    from sqlalchemy import Connection
 
 MAX_BATCH = 64
 """Largest number of postings in one transaction."""
@@ -50,7 +57,10 @@ COMMANDS_THAT_CHANGE = frozenset(
 )
 """Commands of the stream protocol that the service records; ``write`` and ``stop`` are refused."""
 QUERIES = frozenset(
-    ("solution", "estimate", "reliability", "waiting", "suspects", "rejected", "doubts", "causes")
+    (
+        *("solution", "estimate", "reliability", "waiting", "suspects", "rejected", "doubts"),
+        *("causes", "next_sights"),
+    )
 )
 """Commands that change nothing."""
 
@@ -82,7 +92,8 @@ class _Batch:
     requests: list[dict[str, Any]] = field(default_factory=list)
     events: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
     actions: list[dict[str, Any]] = field(default_factory=list)
-    statements: list[Any] = field(default_factory=list)
+    steps: list[Callable[[Connection], None]] = field(default_factory=list)
+    """What is done first in the transaction; steps may add events."""
 
 
 class LiveNetwork:
@@ -95,7 +106,7 @@ class LiveNetwork:
         database: Database,
         *,
         changed: Callable[[], None] = lambda: None,
-        closed: Callable[[LiveNetwork, LiveEpoch, _Batch], None] | None = None,
+        alarms: Sequence[SiteAlarm] = (),
     ) -> None:
         """Read the network from the database, or begin it there.
 
@@ -104,10 +115,10 @@ class LiveNetwork:
             project: its project.
             database: the database.
             changed: called after each transaction with events.
-            closed: called when an epoch has ended or has another result, before its transaction.
+            alarms: the alarms of the site.
         """
         self.settings, self.project, self._database = settings, project, database
-        self._changed, self._closed = changed, closed
+        self._changed, self.surveillance = changed, Surveillance(settings, alarms)
         self._lock = threading.RLock()
         self._tasks: queue.Queue[_Task | None] = queue.Queue()
         self._stale: dict[int, float] = {}
@@ -256,6 +267,7 @@ class LiveNetwork:
             self._commit(batch)
         except DatabaseAway as error:
             self.away = str(error)
+            self.surveillance.drop()
             self._epochs.drop()  # what is in memory may be more than what is on the disk
             for task in tasks:
                 task.future.set_exception(error)
@@ -426,11 +438,6 @@ class LiveNetwork:
 
     def _close(self, epoch: LiveEpoch, batch: _Batch) -> dict[str, Any]:
         """Settle an epoch and record its result."""
-        from sqlalchemy import update
-
-        from .epoch_results import epoch_result
-        from .tables import epochs
-
         inc = epoch.stream.adjustment
         if len(inc):
             inc.settle()
@@ -438,14 +445,35 @@ class LiveNetwork:
         self._epochs.turned(epoch, "closed")
         self._stale.pop(epoch.number, None)
         result = epoch_result(epoch.stream, epoch.number, self._middle(epoch))
-        changes = {"state": "closed", "revision": epoch.revision, "result": json.dumps(result)}
-        batch.statements.append(update(epochs).where(epochs.c.id == epoch.id).values(**changes))
-        shown = {k: v for k, v in result.items() if k != "estimate"}
+        result["findings"] = self._surveyed(epoch, result, batch)
+        batch.steps.append(lambda c: record_result(c, epoch.id, epoch.revision, result))
         what = "closed" if epoch.revision == 1 else "result"
         batch.events.append(("epoch", {"epoch": epoch.number, "what": what, **epoch.summary()}))
-        if self._closed is not None:
-            self._closed(self, epoch, batch)
-        return shown
+        return {k: v for k, v in result.items() if k != "estimate"}
+
+    def _surveyed(
+        self, epoch: LiveEpoch, result: dict[str, Any], batch: _Batch
+    ) -> dict[str, Any] | None:
+        """Return what an epoch tells, and let alarms be raised and cleared."""
+        survey = self.surveillance
+
+        def rows() -> list[dict[str, Any]]:
+            return self._epochs.read_rows(results=True)
+
+        try:
+            found = survey.findings(rows, epoch, result)
+        except AdjustmentError as error:
+            survey.drop()
+            return {"problem": str(error)}
+        standing, at = survey.standing(found), float(result["time"])
+
+        def alarms(connection: Connection) -> None:
+            names = [r.name for r in survey.rules]
+            changes = reconcile(connection, self.id, self.settings.name, names, standing, at)
+            batch.events += [("alarm", {"alarm": alarm}) for alarm in changes.events]
+
+        batch.steps.append(alarms)
+        return shown_findings(found, survey.against, self.settings.objects)
 
     def _middle(self, epoch: LiveEpoch) -> float:
         return epoch.begin if epoch.end is None else 0.5 * (epoch.begin + epoch.end)
@@ -459,25 +487,22 @@ class LiveNetwork:
         from .tables import actions, events, journal, requests
 
         lines = self._epochs.pending_lines()
-        at = clock.time()
-        happened = [
-            {"network": self.id, "at": at, "kind": kind, "data": json.dumps(data)}
-            for kind, data in batch.events
-        ]
-        inserts = (
-            (journal, lines),
-            (requests, batch.requests),
-            (events, happened),
-            (actions, batch.actions),
-        )
-        if not batch.statements and not any(rows for _, rows in inserts):
+        if not (lines or batch.steps or batch.requests or batch.events or batch.actions):
             return
+        at = clock.time()
         with self._database.writing() as connection:
+            if lines:
+                connection.execute(insert(journal), lines)
+            for step in batch.steps:
+                step(connection)
+            happened = [
+                {"network": self.id, "at": at, "kind": kind, "data": json.dumps(data)}
+                for kind, data in batch.events
+            ]
+            inserts = ((requests, batch.requests), (events, happened), (actions, batch.actions))
             for table, rows in inserts:
                 if rows:
                     connection.execute(insert(table), rows)
-            for statement in batch.statements:
-                connection.execute(statement)
         self.away = ""
 
 

@@ -16,10 +16,9 @@ from fastapi import APIRouter, Body, Query, Response
 from ..errors import InputError, Problem
 from ..io.project_writer import network_files
 from ..report.layout import finite_json
-from .dependencies import Decider, Network, Poster, Reader, TheSite
+from .dependencies import Network, Poster, Reader, TheSite
 from .live_network import COMMANDS_THAT_CHANGE, LiveNetwork, Overloaded
 from .observation_list import ObservationList, observation_list
-from .site import NoSuchThing
 from .views import EpochView
 
 network_router = APIRouter(prefix="/networks/{name}", tags=["network"])
@@ -76,11 +75,11 @@ async def post(
         for future in futures:
             future.cancel()
         raise
-    answers = await _answered(futures)
+    answers = await answered(futures)
     return answers if isinstance(body, list) else answers[0]
 
 
-async def _answered(futures: list[Future[Answer]]) -> list[Answer]:
+async def answered(futures: list[Future[Answer]]) -> list[Answer]:
     """Return answers when all are on the disk.
 
     Raises:
@@ -160,13 +159,13 @@ def rejected(network: Network, caller: Reader) -> Answer:
 @network_router.get("/doubts")
 def doubts(network: Network, caller: Reader) -> Answer:
     """Return why verdicts or the result may be wrong, in sentences."""
-    return _query(network, {"do": "doubts"})
+    return answer_of(network, {"do": "doubts"})
 
 
 @network_router.get("/causes")
 def causes(network: Network, caller: Reader) -> Answer:
     """Return what several observations that misfit may have in common."""
-    return _query(network, {"do": "causes"})
+    return answer_of(network, {"do": "causes"})
 
 
 @network_router.get("/reliability")
@@ -174,10 +173,10 @@ def reliability(
     network: Network, caller: Reader, most: Annotated[int, Query(ge=1, le=10_000)] = 10
 ) -> Answer:
     """Return redundancy, uncontrolled and weakest observations, largest detectable errors."""
-    return _query(network, {"do": "reliability", "most": most})
+    return answer_of(network, {"do": "reliability", "most": most})
 
 
-def _query(network: LiveNetwork, record: Posting) -> Answer:
+def answer_of(network: LiveNetwork, record: Posting) -> Answer:
     """Return the answer of the stream to a command that changes nothing."""
     with network.reading() as epoch:
         answer = epoch.stream.answer_record(record, 0)
@@ -202,42 +201,6 @@ def covariance(network: Network, caller: Reader, points: Names) -> Answer:
     names = [n for n in points.split(",") if n]
     found: Answer = _seen(network, lambda view: view.covariance(names))
     return found
-
-
-# -- epochs ----------------------------------------------------------------------------------------
-
-
-@network_router.get("/epochs")
-def epochs(network: Network, caller: Reader) -> list[Answer]:
-    """Return the epochs with their figures."""
-    out = []
-    for row in network.epochs(results=True):
-        result = row.pop("result") or {}
-        shown = {k: result.get(k) for k in ("sigma0", "redundancy", "counts", "problem")}
-        out.append(row | shown)
-    return out
-
-
-@network_router.get("/epochs/{number}")
-def epoch(network: Network, caller: Reader, number: int) -> Answer:
-    """Return an epoch with its result."""
-    for row in network.epochs(results=True):
-        if row["number"] == number:
-            return dict(row)
-    raise NoSuchThing(f"network {network.settings.name} has no epoch {number}")
-
-
-@network_router.post("/epochs")
-async def close_epoch(
-    network: Network, caller: Decider, close: Annotated[bool, Body(embed=True)]
-) -> Answer:
-    """End the present epoch; the next posting begins another one."""
-    if not close:
-        raise InputError('close must be true: {"close": true} ends the present epoch')
-    (answer,) = await _answered([network.close_epoch(caller.name)])
-    if not answer["ok"]:
-        raise InputError(answer["error"][0]["what"])
-    return answer
 
 
 # -- downloads -------------------------------------------------------------------------------------

@@ -14,6 +14,8 @@ from ..io.project import Project
 from ..io.readers import READERS
 from ..version import __version__
 from .access import Access
+from .alarm_log import AlarmLog
+from .alarm_tables import read_alarms
 from .database import Database, DatabaseAway
 from .event_log import EventLog
 from .live_network import LiveNetwork
@@ -45,6 +47,11 @@ class Site:
             folder=settings.path.parent,
             networks=[n.name for n in settings.networks],
         )
+        alarms = read_alarms(
+            settings.tables.get("alarm"),
+            where=settings.path.name,
+            networks=[n.name for n in settings.networks],
+        )
         projects: list[Project] = [
             READERS.load(str(n.project), allow_outside=allow_outside, options={})
             for n in settings.networks
@@ -54,9 +61,13 @@ class Site:
             self.events = EventLog(self.database)
             self.access = Access(self.database)
             self.networks: dict[str, LiveNetwork] = {
-                n.name: LiveNetwork(n, project, self.database, changed=self.events.changed)
+                n.name: LiveNetwork(
+                    n, project, self.database, changed=self.events.changed, alarms=alarms
+                )
                 for n, project in zip(settings.networks, projects, strict=True)
             }
+            names = {live.id: name for name, live in self.networks.items()}
+            self.alarms = AlarmLog(self.database, names)
             self.instruments = SiteInstruments(instruments, self.networks, self._tell_health)
         except BaseException:
             self.database.close()

@@ -13,10 +13,11 @@ from fastapi.responses import StreamingResponse
 
 from ..observations.registry import KINDS
 from ..report.catalogue import TEXTS_BY_LANGUAGE, Texts
-from .access import RIGHTS
-from .dependencies import COOKIE, Manager, Reader, TheSite
+from .access import RIGHTS, Caller
+from .dependencies import COOKIE, Decider, Manager, Reader, TheSite
 from .event_log import HEARTBEAT_SECONDS, Event
 from .network_routes import summary_of
+from .site import Site
 
 site_router = APIRouter(tags=["site"])
 SESSION_SECONDS = 30 * 86400
@@ -88,6 +89,41 @@ def _beat() -> str:
 def instruments(site: TheSite, caller: Reader) -> list[Answer]:
     """Return the health of the instruments, with the latest events of each."""
     return site.instruments.health()
+
+
+# -- alarms ----------------------------------------------------------------------------------------
+
+
+@site_router.get("/alarms")
+def alarms(
+    site: TheSite, caller: Reader, state: str = "standing", network: str = "", point: str = ""
+) -> list[Answer]:
+    """Return alarms: ``state`` standing or all; of a network; the log of a point."""
+    of = site.network(network).id if network else None
+    return site.alarms.listed(state=state, network=of, point=point)
+
+
+@site_router.post("/alarms/{alarm}/acknowledge")
+def acknowledge(site: TheSite, caller: Decider, alarm: int) -> Answer:
+    """Note that the caller knows of an alarm."""
+    return _changed_alarm(site, caller, "acknowledge", site.alarms.acknowledge(alarm, caller.name))
+
+
+@site_router.post("/alarms/{alarm}/silence")
+def silence(
+    site: TheSite, caller: Decider, alarm: int, hours: Annotated[float, Body(embed=True)]
+) -> Answer:
+    """Send no messages about an alarm for some hours."""
+    found = site.alarms.silence(alarm, caller.name, hours)
+    return _changed_alarm(site, caller, "silence", found)
+
+
+def _changed_alarm(site: Site, caller: Caller, action: str, alarm: Answer) -> Answer:
+    """Record a decision about an alarm, and tell all readers."""
+    site.record_action(caller.name, f"{action} alarm", {"alarm": alarm["id"]})
+    network = site.network(alarm["network"]).id if alarm["network"] else None
+    site.events.record("alarm", {"alarm": alarm}, at=clock.time(), network=network)
+    return alarm
 
 
 # -- sessions and tokens ---------------------------------------------------------------------------

@@ -1,0 +1,211 @@
+"""Alarms in the database: raised, acknowledged, silenced, cleared; messages that are to be sent.
+
+An alarm stands from when it is raised until it is cleared, whatever people do: who acknowledges it
+says that he knows, who silences it stops its messages for a time.
+"""
+
+from __future__ import annotations
+
+import json
+import time as clock
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from ..errors import InputError
+from .database import Database
+
+if TYPE_CHECKING:
+    from sqlalchemy import Connection
+
+MAX_SILENCE_HOURS = 24.0 * 31.0
+"""Longest time for which an alarm can be silenced, hours."""
+MAX_LISTED = 500
+"""Largest number of alarms in a list."""
+
+Answer = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Raised:
+    """An alarm that stands, by its rule."""
+
+    rule: str
+    """Name of the rule."""
+    subject: str
+    """The point or the instrument; nothing for the reference points of a network."""
+    data: Answer
+    """What it says: ``test``, ``value``, ``limit``, ``unit``, ``epoch``, ``text`` …"""
+    notify: tuple[str, ...] = ()
+    """Addresses that are told."""
+
+
+@dataclass
+class AlarmChanges:
+    """What a comparison of standing alarms with the database has changed."""
+
+    events: list[Answer] = field(default_factory=list)
+    """Alarms that were raised or cleared, as the API shows them."""
+
+
+def reconcile(
+    connection: Connection,
+    network: int | None,
+    name: str | None,
+    rules: Iterable[str],
+    standing: Sequence[Raised],
+    at: float,
+) -> AlarmChanges:
+    """Make the open alarms of some rules those that stand, in a transaction.
+
+    Args:
+        connection: connection of the transaction.
+        network: id of the network; None: of the site.
+        name: its name.
+        rules: names of all rules that were examined.
+        standing: the alarms that stand.
+        at: time of the change, seconds UTC.
+    """
+    from sqlalchemy import insert, select, update
+
+    from .tables import alarms
+
+    wanted = select(alarms).where(
+        alarms.c.cleared.is_(None), alarms.c.network == network, alarms.c.rule.in_([*rules])
+    )
+    there = {(r.rule, r.subject): r for r in connection.execute(wanted)}
+    out, now = AlarmChanges(), {(s.rule, s.subject): s for s in standing}
+    for key, row in there.items():
+        if key in now:
+            latest = json.dumps(json.loads(row.data) | now[key].data)
+            connection.execute(update(alarms).where(alarms.c.id == row.id).values(data=latest))
+            continue
+        connection.execute(update(alarms).where(alarms.c.id == row.id).values(cleared=at))
+        out.events.append(shown(dict(row._mapping) | {"cleared": at}, name))
+        addresses = json.loads(row.data).get("notify", [])
+        if row.silenced_until is None or row.silenced_until <= at:
+            _tell(connection, row.id, addresses, out.events[-1], at)
+    for key, found in now.items():
+        if key in there:
+            continue
+        data = {**found.data, "notify": list(found.notify)}
+        values = {"network": network, "rule": found.rule, "subject": found.subject, "raised": at}
+        made = connection.execute(insert(alarms).values(**values, data=json.dumps(data)))
+        (number,) = made.inserted_primary_key or (0,)
+        row_now = {"id": number, **values, "data": json.dumps(data), "cleared": None}
+        row_now |= {"acknowledged": None, "acknowledged_by": None, "silenced_until": None}
+        out.events.append(shown(row_now, name))
+        _tell(connection, number, found.notify, out.events[-1], at)
+    return out
+
+
+def _tell(
+    connection: Connection, alarm: int, addresses: Sequence[str], said: Answer, at: float
+) -> None:
+    """Note the messages that are to be sent."""
+    from sqlalchemy import insert
+
+    from .tables import notices
+
+    rows = [
+        {"alarm": alarm, "target": a, "due": at, "tries": 0, "data": json.dumps(said)}
+        for a in addresses
+    ]
+    if rows:
+        connection.execute(insert(notices), rows)
+
+
+def shown(row: Mapping[str, Any], network: str | None) -> Answer:
+    """Return an alarm as the API shows it.
+
+    Args:
+        row: its row.
+        network: name of its network.
+    """
+    data: Answer = json.loads(row["data"])
+    data.pop("notify", None)
+    silenced = row["silenced_until"]
+    state = "open" if row["acknowledged"] is None else "acknowledged"
+    if silenced is not None and silenced > clock.time():
+        state = "silenced"
+    if row["cleared"] is not None:
+        state = "closed"
+    own: Answer = {"id": row["id"], "rule": row["rule"], "network": network, "state": state}
+    own |= {"points": [row["subject"]] if row["subject"] else []}
+    own |= {"since": row["raised"], "until": row["cleared"], "by": row["acknowledged_by"]}
+    return data | own | {"acknowledged": row["acknowledged"], "silenced_until": silenced}
+
+
+class AlarmLog:
+    """The alarms of a site, for those who read them and decide."""
+
+    def __init__(self, database: Database, names: Mapping[int, str]) -> None:
+        """Take the database, and names of networks by id."""
+        self._database, self._names = database, names
+
+    def listed(
+        self, *, state: str = "standing", network: int | None = None, point: str = ""
+    ) -> list[Answer]:
+        """Return alarms, the latest first.
+
+        Args:
+            state: ``standing`` (all that are not cleared) or ``all``.
+            network: id of a network; None: of all.
+            point: only those of this point.
+
+        Raises:
+            InputError: unknown state.
+        """
+        from sqlalchemy import select
+
+        from .tables import alarms
+
+        if state not in ("standing", "open", "all"):
+            raise InputError(f"unknown state {state!r}; valid: standing, all")
+        wanted = select(alarms).order_by(alarms.c.raised.desc(), alarms.c.id.desc())
+        if state != "all" and not point:
+            wanted = wanted.where(alarms.c.cleared.is_(None))
+        if network is not None:
+            wanted = wanted.where(alarms.c.network == network)
+        if point:
+            wanted = wanted.where(alarms.c.subject == point)
+        with self._database.reading() as connection:
+            rows = connection.execute(wanted.limit(MAX_LISTED)).all()
+        return [self._shown(r) for r in rows]
+
+    def acknowledge(self, number: int, who: str) -> Answer:
+        """Note that somebody knows of an alarm.
+
+        Raises:
+            InputError: there is no such alarm, or it is cleared.
+        """
+        return self._change(number, acknowledged=clock.time(), acknowledged_by=who)
+
+    def silence(self, number: int, who: str, hours: float) -> Answer:
+        """Send no messages about an alarm for a time.
+
+        Raises:
+            InputError: there is no such alarm, it is cleared, or the time is too long.
+        """
+        if not 0.0 <= hours <= MAX_SILENCE_HOURS:
+            raise InputError(f"hours must be 0 to {MAX_SILENCE_HOURS:g}, not {hours:g}")
+        until = clock.time() + 3600.0 * hours
+        return self._change(number, silenced_until=until, acknowledged_by=who)
+
+    def _change(self, number: int, **values: object) -> Answer:
+        from sqlalchemy import select, update
+
+        from .tables import alarms
+
+        with self._database.writing() as connection:
+            row = connection.execute(select(alarms).where(alarms.c.id == number)).first()
+            if row is None:
+                raise InputError(f"no alarm {number}")
+            if row.cleared is not None:
+                raise InputError(f"alarm {number} is cleared")
+            connection.execute(update(alarms).where(alarms.c.id == number).values(**values))
+            row = connection.execute(select(alarms).where(alarms.c.id == number)).one()
+        return self._shown(row)
+
+    def _shown(self, row: Any) -> Answer:
+        return shown(dict(row._mapping), self._names.get(row.network or 0))

@@ -1,0 +1,141 @@
+"""Routes of the epochs of a network: results, displacements, series, what comes next."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Body, Query
+
+from ..errors import InputError
+from .dependencies import Decider, Network, Reader
+from .network_routes import answer_of, answered
+from .site import NoSuchThing
+
+epoch_router = APIRouter(prefix="/networks/{name}", tags=["epochs"])
+AXES = "xyz"
+Answer = dict[str, Any]
+
+
+def _shown_row(row: Answer) -> Answer:
+    """Return an epoch without its points."""
+    result = row.pop("result", None) or {}
+    findings = result.get("findings") or {}
+    figures = {k: result.get(k) for k in ("sigma0", "redundancy", "counts", "problem", "time")}
+    return row | figures | {"congruence": findings.get("congruence")}
+
+
+@epoch_router.get("/epochs")
+def epochs(network: Network, caller: Reader) -> list[Answer]:
+    """Return the epochs with their figures and congruence tests."""
+    return [_shown_row(row) for row in network.epochs(results=True)]
+
+
+@epoch_router.get("/epochs/{number}")
+def epoch(network: Network, caller: Reader, number: int) -> Answer:
+    """Return an epoch with its points, displacements, blocks and tests."""
+    for row in network.epochs(results=True):
+        if row["number"] == number:
+            result = row["result"] or {}
+            findings = result.get("findings") or {}
+            out = _shown_row(dict(row)) | {"points": result.get("points", [])}
+            out |= {"doubts": result.get("doubts", []), "groups": result.get("groups", [])}
+            names = ("against", "displacements", "blocks", "motions", "tests")
+            return out | {name: findings.get(name) for name in names}
+    raise NoSuchThing(f"network {network.settings.name} has no epoch {number}")
+
+
+@epoch_router.post("/epochs")
+async def close_epoch(
+    network: Network, caller: Decider, close: Annotated[bool, Body(embed=True)]
+) -> Answer:
+    """End the present epoch; the next posting begins another one."""
+    if not close:
+        raise InputError('close must be true: {"close": true} ends the present epoch')
+    (answer,) = await answered([network.close_epoch(caller.name)])
+    if not answer["ok"]:
+        raise InputError(answer["error"][0]["what"])
+    return answer
+
+
+@epoch_router.get("/series")
+def series(
+    network: Network,
+    caller: Reader,
+    points: Annotated[str, Query(max_length=20_000)],
+    begin: Annotated[float | None, Query(alias="from")] = None,
+    to: float | None = None,
+) -> list[Answer]:
+    """Return coordinates, displacements and motions of points over the closed epochs."""
+    wanted = [n for n in points.split(",") if n]
+    rows = [
+        row
+        for row in network.epochs(results=True)
+        if row["result"] is not None and _between(row["result"]["time"], begin, to)
+    ]
+    return [_series_of(name, rows) for name in wanted]
+
+
+def _between(time: float, begin: float | None, to: float | None) -> bool:
+    return (begin is None or time >= begin) and (to is None or time <= to)
+
+
+def _series_of(name: str, rows: list[Answer]) -> Answer:
+    """Return the series of a point; null where it has no value in an epoch."""
+    out: Answer = {"name": name, "epochs": [], "times": [], "alarms": []}
+    motion: Answer = {"times": []}
+    for row in rows:
+        result, findings = row["result"], row["result"].get("findings") or {}
+        point = next((p for p in result.get("points", []) if p["name"] == name), {})
+        moved = next((d for d in findings.get("displacements", []) if d["name"] == name), {})
+        out["epochs"].append(row["number"])
+        out["times"].append(result["time"])
+        names = [*AXES, *(k for k in point if k.startswith("sigma_"))]
+        figures = {k: point.get(k) for k in names}
+        figures |= {k: v for k, v in moved.items() if k.startswith(("d", "sigma_d", "alarm_d"))}
+        _append(out, figures, len(out["times"]))
+        if name in (of := findings.get("motions") or {}):
+            motion["times"].append(result["time"])
+            _append(motion, of[name], len(motion["times"]))
+        out["alarms"] += [
+            {"rule": t["rule"], "epoch": row["number"], "time": result["time"]}
+            for t in findings.get("tests") or []
+            if t["point"] == name and t["exceeds"]
+        ]
+    return out | {"motion": motion}
+
+
+def _append(columns: Answer, figures: Answer, length: int) -> None:
+    """Append one row to columns of equal length, null where a column has no value."""
+    own = [k for k, v in columns.items() if isinstance(v, list) and k not in ("alarms",)]
+    for key in dict.fromkeys([*own, *figures]):
+        column = columns.setdefault(key, [None] * (length - 1))
+        if len(column) < length:
+            column.append(figures.get(key))
+
+
+@epoch_router.get("/variance-components")
+def variance_components(network: Network, caller: Reader) -> list[Answer]:
+    """Return σ̂0 of every closed epoch, and σ̂ of the observations of each kind in their σ."""
+    out = []
+    for row in network.epochs(results=True):
+        result = row["result"]
+        if result is not None:
+            figures = {"epoch": row["number"], "time": result["time"]}
+            figures |= {k: result.get(k) for k in ("sigma0", "redundancy")}
+            out.append(figures | {"groups": result.get("groups", [])})
+    return out
+
+
+@epoch_router.get("/next-sights")
+def next_sights(
+    network: Network,
+    caller: Reader,
+    target: Annotated[str, Query(max_length=2000)],
+    most: Annotated[int, Query(ge=1, le=100)] = 10,
+    station: str = "",
+) -> Answer:
+    """Return the sights that would improve points most, the best first."""
+    record: Answer = {"do": "next_sights", "points": target.split(","), "most": most}
+    if station:
+        record["stations"] = [station]
+    return answer_of(network, record)

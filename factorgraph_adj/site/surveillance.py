@@ -1,0 +1,228 @@
+"""Surveillance of a network: what its closed epochs tell, its alarms, and who must be told.
+
+The results of all closed epochs are the only state: the monitor is made again from their estimates
+where a service begins, or where an earlier epoch has got another result. Alarms that stand are
+those of the monitor; the database has when they were raised, acknowledged, silenced and cleared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..epochs.block_motion import block_motion
+from ..epochs.comparison_result import Displacement, EpochComparison
+from ..errors import AdjustmentError
+from ..monitoring.alarm_rules import OF_REFERENCE, AlarmRule, TestedEpoch, matches
+from ..monitoring.epoch_estimates import EpochEstimate
+from ..monitoring.monitor import Findings, Monitor
+from ..service.answers import rounded_figure
+from .alarm_log import Raised
+from .alarm_tables import SiteAlarm
+from .live_epochs import LiveEpoch
+from .site_file import NetworkSettings
+
+AXES = "xyz"
+MILLIMETRE = 1e-3
+DAY_S = 86400.0
+DEFAULT_INTERVAL = 86400.0
+"""Time from one epoch to the next where epochs have no length, seconds."""
+
+Answer = dict[str, Any]
+Rows = Sequence[Mapping[str, Any]]
+
+
+class Surveillance:
+    """The monitor of one network."""
+
+    def __init__(self, settings: NetworkSettings, alarms: Sequence[SiteAlarm]) -> None:
+        """Take a network.
+
+        Args:
+            settings: what the site file says of it.
+            alarms: the alarms of the site.
+        """
+        self.settings = settings
+        self._alarms = {
+            a.rule.name: a
+            for a in alarms
+            if a.network == settings.name and isinstance(a.rule, AlarmRule)
+        }
+        self._monitor: Monitor | None = None
+        self._seen: list[int] = []
+
+    @property
+    def rules(self) -> list[AlarmRule]:
+        """The rules of the network."""
+        return [a.rule for a in self._alarms.values() if isinstance(a.rule, AlarmRule)]
+
+    def drop(self) -> None:
+        """Forget the monitor; it is made again from the database."""
+        self._monitor, self._seen = None, []
+
+    # -- epochs -----------------------------------------------------------------------------------
+
+    def findings(self, rows: Callable[[], Rows], epoch: LiveEpoch, new: Answer) -> Findings:
+        """Return what an epoch tells that has just ended.
+
+        Args:
+            rows: gives the rows of all epochs with their results so far.
+            epoch: the epoch.
+            new: its new result, with its estimate.
+
+        Raises:
+            AdjustmentError: a rate cannot be kept, or frames differ.
+        """
+        if not new.get("estimate"):
+            return Findings(epoch.number, float(new["time"]), problem=str(new["problem"]))
+        if self._monitor is not None and self._seen and epoch.number > self._seen[-1]:
+            self._seen.append(epoch.number)
+            return self._monitor.add(EpochEstimate.from_json(new["estimate"]))
+        records = {r["number"]: r["result"] for r in rows() if r["result"]}
+        records[epoch.number] = new
+        self._monitor, self._seen = self._begun(), []
+        found = Findings(epoch.number, float(new["time"]))
+        for number in self._numbers(records):
+            told = self._monitor.add(EpochEstimate.from_json(records[number]["estimate"]))
+            self._seen.append(number)
+            found = told if number == epoch.number else found
+        return found
+
+    def _numbers(self, records: Mapping[int, Answer]) -> list[int]:
+        """Return the epochs that are compared, the reference first."""
+        with_estimate = sorted(n for n, r in records.items() if r.get("estimate"))
+        first = self.settings.reference
+        if first is None:
+            return with_estimate
+        return [n for n in with_estimate if n >= first]
+
+    def _begun(self) -> Monitor:
+        length = self.settings.epochs.length
+        return Monitor(
+            self.rules,
+            interval=DEFAULT_INTERVAL if length is None else length,
+            objects=self.settings.objects or ("*",),
+        )
+
+    @property
+    def against(self) -> int | None:
+        """Number of the reference epoch; None: there is none yet."""
+        return self._seen[0] if self._seen else None
+
+    def standing(self, found: Findings) -> list[Raised]:
+        """Return the alarms that stand after an epoch."""
+        if self._monitor is None:
+            return []
+        tests = {(t.rule, n): t for n, p in found.points.items() for t in p.tests}
+        tests |= {(t.rule, OF_REFERENCE): t for t in found.reference_tests}
+        said = {(a.rule, a.point): a.sentence for a in found.alarms}
+        out = []
+        for alarm in self._monitor.open_alarms:
+            key = alarm.rule, alarm.point
+            rule = self._alarms[alarm.rule]
+            data: Answer = {"epoch": alarm.since}
+            if key in said:
+                data["text"] = said[key]
+            if key in tests:
+                data |= _alarm_figures(tests[key])
+            assert isinstance(rule.rule, AlarmRule)
+            data["false_alarms_per_month"] = rule.rule.false_alarms_per_month
+            out.append(Raised(alarm.rule, alarm.point, data, rule.notify))
+        return out
+
+
+# -- what is shown ---------------------------------------------------------------------------------
+
+
+def shown_findings(found: Findings, against: int | None, objects: Sequence[str]) -> Answer:
+    """Return what an epoch tells as JSON: displacements in mm, tests, blocks, motions.
+
+    Args:
+        found: what it tells.
+        against: number of the reference epoch.
+        objects: patterns of points that may move.
+    """
+    out: Answer = {"against": against, "problem": found.problem, "congruence": None}
+    out |= {"displacements": [], "blocks": [], "motions": {}, "tests": []}
+    comparison = found.comparison
+    if comparison is None:
+        return out
+    tests: dict[str, list[TestedEpoch]] = {n: [*p.tests] for n, p in found.points.items()}
+    out["displacements"] = [
+        _displacement(x, tests.get(n, [])) for n, x in comparison.displacements.items()
+    ]
+    out["congruence"] = _congruence(comparison)
+    moved = [n for n, x in comparison.displacements.items() if x.moved and matches(n, objects)]
+    if len(moved) > 1:
+        out["blocks"] = _blocks(comparison, moved)
+    axes = comparison.differences.axes
+    for name, point in found.points.items():
+        motion = point.motion
+        scale = {"displacement": 1.0 / MILLIMETRE, "velocity": DAY_S / MILLIMETRE}
+        mine: Answer = {}
+        for what, unit in (("displacement", "mm"), ("velocity", "mm_per_day")):
+            values = getattr(motion, what) * scale[what]
+            variances = np.diag(getattr(motion, f"{what}_covariance"))
+            sigmas = np.sqrt(np.maximum(variances, 0.0)) * scale[what]
+            for axis, value, sigma in zip(axes, values, sigmas, strict=True):
+                mine[f"{what}_{axis}_{unit}"] = rounded_figure(float(value))
+                mine[f"sigma_{what}_{axis}_{unit}"] = rounded_figure(float(sigma))
+        out["motions"][name] = mine
+    out["tests"] = [{"point": name, **_test(t)} for name, of in tests.items() for t in of] + [
+        {"point": OF_REFERENCE, **_test(t)} for t in found.reference_tests
+    ]
+    return out
+
+
+def _displacement(x: Displacement, tests: Sequence[TestedEpoch]) -> Answer:
+    out: Answer = {"name": x.name, "stable": x.stable, "verdict": x.verdict, "moved": x.moved}
+    for axis, value, sigma in zip(AXES, x.vector, x.sigmas, strict=True):
+        out[f"d{axis}_mm"] = rounded_figure(float(value) / MILLIMETRE)
+        out[f"sigma_d{axis}_mm"] = rounded_figure(float(sigma) / MILLIMETRE)
+    out |= {"T": rounded_figure(x.test.value), "critical": rounded_figure(x.test.critical)}
+    out["detectable_mm"] = rounded_figure(x.detectable / MILLIMETRE)
+    of_rules = [t.detectable_mm for t in tests if t.test == "displacement"]
+    if of_rules:
+        out["alarm_detectable_mm"] = rounded_figure(min(of_rules))
+    return out
+
+
+def _test(found: TestedEpoch) -> Answer:
+    return {
+        "rule": found.rule,
+        "test": found.test,
+        "value": rounded_figure(found.value),
+        "critical": rounded_figure(found.critical),
+        "size_mm": rounded_figure(found.size_mm),
+        "detectable_mm": rounded_figure(found.detectable_mm),
+        "exceeds": found.exceeds,
+    }
+
+
+def _congruence(found: EpochComparison) -> Answer:
+    test = found.global_test
+    moved = [n for n, x in found.displacements.items() if x.moved]
+    if test is None or test.freedom[0] == 0:
+        return {"outcome": "untested", "test": None, "critical": None, "moved": moved}
+    outcome = "congruent" if test.accepted else "changed"
+    figures = {"test": rounded_figure(test.value), "critical": rounded_figure(test.critical)}
+    return {"outcome": outcome, **figures, "moved": moved, "stable": list(found.stable)}
+
+
+def _blocks(found: EpochComparison, names: Sequence[str]) -> list[Answer]:
+    """Return the common rigid motion of the points that moved, where they determine it."""
+    try:
+        block = block_motion(found, names)
+    except AdjustmentError:
+        return []
+    axes = found.differences.axes
+    translation = [rounded_figure(block[f"t{a}"] / MILLIMETRE) if a in axes else 0.0 for a in AXES]
+    return [{"points": list(names), "translation_mm": translation, "moved": True}]
+
+
+def _alarm_figures(found: TestedEpoch) -> Answer:
+    """Return what an alarm shows of its latest test."""
+    out: Answer = {"test": found.test, "value": rounded_figure(found.value)}
+    return out | {"limit": rounded_figure(found.critical), "size_mm": rounded_figure(found.size_mm)}
