@@ -35,7 +35,8 @@ class Raised:
     subject: str
     """The point or the instrument; nothing for the reference points of a network."""
     data: Answer
-    """What it says: ``test``, ``value``, ``limit``, ``unit``, ``epoch``, ``text`` …"""
+    """What it says: ``test``, ``value``, ``limit``, ``size_mm``, ``epoch``, ``text``; those of the
+    epoch that raised it stay, those of the last one are its ``latest``."""
     notify: tuple[str, ...] = ()
     """Addresses that are told."""
 
@@ -77,7 +78,7 @@ def reconcile(
     out, now = AlarmChanges(), {(s.rule, s.subject): s for s in standing}
     for key, row in there.items():
         if key in now:
-            latest = json.dumps(json.loads(row.data) | now[key].data)
+            latest = json.dumps(json.loads(row.data) | {"latest": now[key].data})
             connection.execute(update(alarms).where(alarms.c.id == row.id).values(data=latest))
             continue
         connection.execute(update(alarms).where(alarms.c.id == row.id).values(cleared=at))

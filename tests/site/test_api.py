@@ -91,6 +91,8 @@ def test_every_route_needs_its_right(tmp_path):
             ("delete", "/api/v1/tokens/{token}"): "manage",
             ("post", f"{ADDRESS}/postings"): "post",
             ("post", f"{ADDRESS}/epochs"): "decide",
+            ("post", "/api/v1/alarms/{alarm}/acknowledge"): "decide",
+            ("post", "/api/v1/alarms/{alarm}/silence"): "decide",
         }
         public = {"/api/v1/health", "/api/v1/session", "/api/v1/openapi.json"}
         paths = client.get("/api/v1/openapi.json").json()["paths"]
@@ -106,7 +108,7 @@ def test_every_route_needs_its_right(tmp_path):
 def _check(client, tokens, method, path, right):
     from factorgraph_adj.site.access import RIGHTS
 
-    path = path.replace("{number}", "1").replace("{token}", "99")
+    path = path.replace("{number}", "1").replace("{token}", "99").replace("{alarm}", "99")
     assert client.request(method, path).status_code == 401, path
     wrong = {"Authorization": "Bearer fga_wrong"}
     assert client.request(method, path, headers=wrong).status_code == 401, path

@@ -1,0 +1,156 @@
+"""Epochs of a site are compared; a point that moves raises an alarm, which is cleared again."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from factorgraph_adj.errors import InputError
+from factorgraph_adj.site.alarm_tables import SilenceRule, read_alarms
+from tests.support.sites import ADDRESS, served, yard_of
+
+HOUR = 3600.0
+BEGIN = 1_700_002_800.0
+ALARM = """
+[[alarm]]
+name = "wall"
+points = ["C"]
+false_alarms_per_month = 0.01
+notify = ["mailto:chief@example.org"]
+"""
+
+
+def readings(hour, rise=0.0, seed=0):
+    """One epoch: levelled differences, distances and directions to C, which has risen by metres."""
+    rng = np.random.default_rng([seed, hour])
+    time = BEGIN + HOUR * hour + 600.0
+    out = [
+        {
+            "kind": "height_difference",
+            "station": a,
+            "target": "C",
+            "value": round(z + rise + rng.normal(0.0, 0.0005), 6),
+        }
+        for a, z in (("A", 1.4996), ("A", 1.4996), ("B", 0.4996))
+    ]
+    out += [
+        {
+            "kind": "slope_distance",
+            "station": a,
+            "target": "C",
+            "value": round(s + rng.normal(0.0, 0.002), 6),
+        }
+        for a, s in (("A", 58.3268), ("B", 70.7141), ("A", 58.3268))
+    ]
+    out += [
+        {
+            "kind": "direction",
+            "station": "A",
+            "target": target,
+            "value": round((angle + rng.normal(0.0, 0.001)) % 400.0, 6),
+        }
+        for target, angle in (("B", 0.0), ("C", 334.4035))
+    ]
+    return [{**o, "time": time} for o in out]
+
+
+def post(client, records):
+    answers = client.post(f"{ADDRESS}/postings", json=records).json()
+    assert all(a["ok"] for a in answers), answers
+
+
+@pytest.fixture
+def moved(tmp_path):
+    """Eight epochs of an hour; C rises by 10 mm in the fifth and sixth."""
+    with served(tmp_path, epochs="1 h", more=ALARM) as client:
+        for hour in range(8):
+            post(client, readings(hour, 0.01 if hour in (4, 5) else 0.0))
+        yield client
+
+
+def test_a_displacement_raises_an_alarm_that_is_cleared_when_it_is_gone(moved):
+    alarms = moved.get("/api/v1/alarms", params={"state": "all"}).json()
+    assert [a["points"] for a in alarms] == [["C"]]
+    (alarm,) = alarms
+    assert alarm["rule"] == "wall" and alarm["network"] == "yard"
+    assert alarm["epoch"] == 5 and alarm["value"] > alarm["limit"]
+    assert "C" in alarm["text"]
+    events = moved.get(f"{ADDRESS}/events").json()
+    told = [e["data"]["alarm"]["state"] for e in events if e["event"] == "alarm"]
+    assert told in (["open"], ["open", "closed"])
+
+
+def test_displacements_are_in_the_epoch_and_in_the_series(moved):
+    epoch = moved.get(f"{ADDRESS}/epochs/5").json()
+    (c,) = [d for d in epoch["displacements"] if d["name"] == "C"]
+    assert c["moved"] and abs(c["dz_mm"] - 10.0) < 4.0 * c["sigma_dz_mm"]
+    (series,) = moved.get(f"{ADDRESS}/series", params={"points": "C"}).json()
+    dz = dict(zip(series["epochs"], series["dz_mm"], strict=True))
+    assert dz[5] > 8.0 and abs(dz[3]) < 3.0
+    lengths = {k: len(v) for k, v in series.items() if isinstance(v, list) and k != "alarms"}
+    assert len(set(lengths.values())) == 1, lengths
+    assert [a["epoch"] for a in series["alarms"]][:2] == [5, 6]
+
+
+def test_an_alarm_is_acknowledged_and_silenced(tmp_path):
+    with served(tmp_path, epochs="1 h", more=ALARM) as client:
+        for hour in range(6):
+            post(client, readings(hour, 0.01 if hour >= 3 else 0.0))
+        (alarm,) = client.get("/api/v1/alarms").json()
+        address = f"/api/v1/alarms/{alarm['id']}"
+        assert alarm["state"] == "open"
+        assert client.post(f"{address}/acknowledge").json()["state"] == "acknowledged"
+        silenced = client.post(f"{address}/silence", json={"hours": 2}).json()
+        assert silenced["state"] == "silenced" and silenced["by"] == "loopback"
+        assert client.post(f"{address}/silence", json={"hours": 1e6}).status_code == 422
+        assert client.post("/api/v1/alarms/99/acknowledge").status_code == 422
+
+
+def test_a_restart_continues_the_monitoring(tmp_path):
+    with served(tmp_path, epochs="1 h", more=ALARM) as client:
+        for hour in range(4):
+            post(client, readings(hour))
+    with served(tmp_path, epochs="1 h", more=ALARM) as client:
+        for hour in range(4, 8):
+            post(client, readings(hour, 0.01))
+        assert len(client.get("/api/v1/alarms").json()) == 1
+        live = yard_of(client.app.state.site)
+        assert live.surveillance.against == 1
+
+
+def test_readings_that_come_late_are_judged_again(tmp_path):
+    with served(tmp_path, epochs="1 h", more=ALARM) as client:
+        for hour in range(6):
+            if hour != 3:
+                post(client, readings(hour))
+        assert client.get("/api/v1/alarms").json() == []
+        post(client, readings(3, 0.01))  # a gap in the line to the instrument
+        yard_of(client.app.state.site).close_stale()
+        epochs = {e["number"]: e for e in client.get(f"{ADDRESS}/epochs").json()}
+        assert epochs[4]["congruence"]["moved"] == ["C"]
+
+
+def test_kinds_of_observations_have_their_precision(moved):
+    rows = moved.get(f"{ADDRESS}/variance-components").json()
+    groups = {g["name"]: g for g in rows[-1]["groups"]}
+    assert set(groups) == {"height_difference", "slope_distance", "direction"}
+    assert sum(g["redundancy"] for g in groups.values()) == pytest.approx(rows[-1]["redundancy"])
+
+
+def test_all_problems_of_alarms_are_told():
+    tables = [
+        {"name": "a", "test": "displacment", "notify": ["carrier pigeon"]},
+        {"name": "a", "network": "other"},
+        {"test": "silence", "after": -1},
+    ]
+    with pytest.raises(InputError) as error:
+        read_alarms(tables, where="site.toml", networks=["dam"])
+    said = str(error.value)
+    for part in ("displacment", "carrier pigeon", "'other'", "has no name", "after must"):
+        assert part in said
+    (alarm,) = read_alarms(
+        [{"name": "s", "test": "silence", "points": ["ts*"], "after": 60}],
+        where="site.toml",
+        networks=["dam"],
+    )
+    assert isinstance(alarm.rule, SilenceRule) and alarm.rule.covers("ts1")
