@@ -85,8 +85,8 @@ def _series_of(name: str, rows: list[Answer]) -> Answer:
     motion: Answer = {"times": []}
     for row in rows:
         result, findings = row["result"], row["result"].get("findings") or {}
-        point = next((p for p in result.get("points", []) if p["name"] == name), {})
-        moved = next((d for d in findings.get("displacements", []) if d["name"] == name), {})
+        point = _named(result.get("points"), name)
+        moved = _named(findings.get("displacements"), name)
         out["epochs"].append(row["number"])
         out["times"].append(result["time"])
         names = [*AXES, *(k for k in point if k.startswith("sigma_"))]
@@ -102,6 +102,11 @@ def _series_of(name: str, rows: list[Answer]) -> Answer:
             if t["point"] == name and t["exceeds"]
         ]
     return out | {"motion": motion}
+
+
+def _named(rows: list[Answer] | None, name: str) -> Answer:
+    """Return the row of a point; an empty one where there is none."""
+    return next((row for row in rows or () if row["name"] == name), {})
 
 
 def _append(columns: Answer, figures: Answer, length: int) -> None:
