@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Body, Query
 
 from ..errors import InputError
+from ..report.layout import finite_json
 from .dependencies import Decider, Network, Reader
 from .network_routes import answer_of, answered
 from .site import NoSuchThing
@@ -144,3 +145,33 @@ def next_sights(
     if station:
         record["stations"] = [station]
     return answer_of(network, record)
+
+
+@epoch_router.get("/protection-levels")
+def protection_levels(
+    network: Network,
+    caller: Reader,
+    risk: Annotated[float, Query(gt=0.0, lt=0.5)] = 1e-3,
+    faults: Literal["1", "2"] = "2",
+    points: Annotated[str, Query(max_length=20_000)] = "",
+) -> Answer:
+    """Return bounds of the errors of points that hold under undetected gross errors, in mm.
+
+    A level is null where it is infinite: nothing controls the errors of ``weakest``.
+    """
+    from ..quality.protection_levels import protection_levels as levels
+
+    with network.reading() as epoch:
+        solution = epoch.stream.adjustment.solution()
+        alpha = epoch.stream.adjustment.alpha
+    names = [n for n in points.split(",") if n] or None
+    found = levels(solution, risk=risk, faults=1 if faults == "1" else 2, alpha=alpha, points=names)
+    rows = []
+    for i, name in enumerate(found.names):
+        mode = found.weakest(name)
+        row: Answer = {"name": name, "weakest": None if mode is None else list(mode.labels)}
+        for what in ("horizontal", "vertical", "space"):
+            row[f"{what}_mm"] = 1e3 * float(getattr(found, what)[i])
+        rows.append(row)
+    out = {"risk": risk, "faults": found.faults, "accepted": found.accepted, "rows": rows}
+    return dict(finite_json(out))

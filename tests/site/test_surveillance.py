@@ -154,3 +154,10 @@ def test_all_problems_of_alarms_are_told():
         networks=["dam"],
     )
     assert isinstance(alarm.rule, SilenceRule) and alarm.rule.covers("ts1")
+
+
+def test_protection_levels_name_what_nothing_controls(moved):
+    found = moved.get(f"{ADDRESS}/protection-levels", params={"risk": 0.01, "faults": "1"}).json()
+    rows = {r["name"]: r for r in found["rows"]}
+    assert rows["A"]["space_mm"] == 0.0
+    assert rows["C"]["vertical_mm"] > 0.5 and rows["C"]["weakest"]
