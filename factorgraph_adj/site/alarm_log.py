@@ -85,7 +85,7 @@ def reconcile(
         out.events.append(shown(dict(row._mapping) | {"cleared": at}, name))
         addresses = json.loads(row.data).get("notify", [])
         if row.silenced_until is None or row.silenced_until <= at:
-            _tell(connection, row.id, addresses, out.events[-1], at)
+            _tell(connection, row.id, addresses, out.events[-1])
     for key, found in now.items():
         if key in there:
             continue
@@ -96,20 +96,19 @@ def reconcile(
         row_now = {"id": number, **values, "data": json.dumps(data), "cleared": None}
         row_now |= {"acknowledged": None, "acknowledged_by": None, "silenced_until": None}
         out.events.append(shown(row_now, name))
-        _tell(connection, number, found.notify, out.events[-1], at)
+        _tell(connection, number, found.notify, out.events[-1])
     return out
 
 
-def _tell(
-    connection: Connection, alarm: int, addresses: Sequence[str], said: Answer, at: float
-) -> None:
+def _tell(connection: Connection, alarm: int, addresses: Sequence[str], said: Answer) -> None:
     """Note the messages that are to be sent."""
     from sqlalchemy import insert
 
     from .tables import notices
 
+    now, text = clock.time(), json.dumps(said)
     rows = [
-        {"alarm": alarm, "target": a, "due": at, "tries": 0, "data": json.dumps(said)}
+        {"alarm": alarm, "target": a, "created": now, "due": now, "tries": 0, "data": text}
         for a in addresses
     ]
     if rows:

@@ -15,6 +15,7 @@ from ..io.readers import READERS
 from ..version import __version__
 from .access import Access
 from .alarm_log import AlarmLog
+from .alarm_notices import AlarmNotices, read_mail_server
 from .alarm_tables import read_alarms
 from .database import Database, DatabaseAway
 from .event_log import EventLog
@@ -52,6 +53,7 @@ class Site:
             where=settings.path.name,
             networks=[n.name for n in settings.networks],
         )
+        server = read_mail_server(settings.tables.get("smtp"), settings.path.name)
         projects: list[Project] = [
             READERS.load(str(n.project), allow_outside=allow_outside, options={})
             for n in settings.networks
@@ -68,6 +70,10 @@ class Site:
             }
             names = {live.id: name for name, live in self.networks.items()}
             self.alarms = AlarmLog(self.database, names)
+            folder = settings.path.parent
+            self.notices = AlarmNotices(
+                self.database, settings.name, server, folder=folder, told=self._tell_problem
+            )
             self.instruments = SiteInstruments(instruments, self.networks, self._tell_health)
         except BaseException:
             self.database.close()
@@ -78,13 +84,20 @@ class Site:
         for network in self.networks.values():
             network.start()
         self.instruments.start()
+        self.notices.start()
 
     def stop(self) -> None:
         """Execute what waits, and close the database."""
         self.instruments.stop()
+        self.notices.stop()
         for network in self.networks.values():
             network.stop()
         self.database.close()
+
+    def _tell_problem(self, what: str) -> None:
+        """Record a problem of the site."""
+        with suppress(DatabaseAway):
+            self.events.record("problem", {"what": what}, at=clock.time(), network=None)
 
     def _tell_health(self, network: str, health: dict[str, Any]) -> None:
         """Record that the health of an instrument has changed."""

@@ -21,6 +21,8 @@ WATCH_SECONDS = 1.0
 """Time between two looks at the health of the instruments, seconds."""
 MIN_EVENT_SECONDS = 5.0
 """Least time between two events about counts alone of one instrument, seconds."""
+STATES = {"receiving": "ok", "silent": "silent", "stopped": "stopped"}
+"""What a page shows of a connection; any other is ``faulty``: there is none."""
 
 
 class SiteInstruments:
@@ -72,10 +74,15 @@ class SiteInstruments:
 
     def health(self) -> list[dict[str, Any]]:
         """Return the health of all instruments."""
-        return [
-            {"network": i.settings.network, **i.health.snapshot()}
-            for i in self._instruments.values()
-        ]
+        return [self._shown(i) for i in self._instruments.values()]
+
+    def _shown(self, instrument: Instrument) -> dict[str, Any]:
+        """Return the health of an instrument as the API shows it."""
+        settings, found = instrument.settings, instrument.health.snapshot()
+        own = {"network": settings.network, "grammar": settings.grammar, "source": settings.source}
+        own |= {"connection": found["state"], "state": STATES.get(found["state"], "faulty")}
+        own |= {"messages": found["lines"], "clock_offset_s": found["clock_offset"]}
+        return found | own
 
     def _run(self, instrument: Instrument) -> None:
         """Read until the end; a fault of the program is told, and the reading begins again."""
@@ -113,8 +120,8 @@ class SiteInstruments:
         when: dict[str, float] = {}
         while not self._stop.wait(WATCH_SECONDS):
             for name, instrument in self._instruments.items():
-                shown = instrument.health.snapshot()
-                state = (shown["state"], shown["problem"], shown["problem_time"])
+                shown = self._shown(instrument)
+                state = (shown["connection"], shown["problem"], shown["problem_time"])
                 key, now = (*state, shown["lines"], shown["postings"]), clock.monotonic()
                 if last.get(name) == key:
                     continue

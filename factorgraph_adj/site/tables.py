@@ -123,14 +123,15 @@ notices = Table(
     Column("id", Number, primary_key=True),
     Column("alarm", Number, ForeignKey("alarms.id"), nullable=False),
     Column("target", Text, nullable=False),
-    Column("due", Float(53), nullable=False),
+    Column("created", Float(53), nullable=False),
+    Column("due", Float(53)),
     Column("tries", Integer, nullable=False, default=0),
     Column("sent", Float(53)),
     Column("problem", Text),
     Column("data", Text, nullable=False),
     Index("ix_notices_sent_due", "sent", "due"),
 )
-"""Messages about alarms that are to be sent, or were."""
+"""Messages about alarms: sent, due, or given up where nothing is due."""
 
 tokens = Table(
     "tokens",
