@@ -14,9 +14,9 @@ from ..io.project import Project
 from ..io.readers import READERS
 from ..version import __version__
 from .access import Access
-from .alarm_log import AlarmLog
+from .alarm_log import AlarmLog, Raised, reconcile
 from .alarm_notices import AlarmNotices, read_mail_server
-from .alarm_tables import read_alarms
+from .alarm_tables import SilenceRule, read_alarms
 from .database import Database, DatabaseAway
 from .event_log import EventLog
 from .live_network import LiveNetwork
@@ -53,6 +53,9 @@ class Site:
             where=settings.path.name,
             networks=[n.name for n in settings.networks],
         )
+        self._silence = [a for a in alarms if isinstance(a.rule, SilenceRule)]
+        self._silent: set[tuple[str, str]] | None = None
+        self._instrument_networks = {i.name: i.network for i in instruments}
         server = read_mail_server(settings.tables.get("smtp"), settings.path.name)
         projects: list[Project] = [
             READERS.load(str(n.project), allow_outside=allow_outside, options={})
@@ -74,7 +77,9 @@ class Site:
             self.notices = AlarmNotices(
                 self.database, settings.name, server, folder=folder, told=self._tell_problem
             )
-            self.instruments = SiteInstruments(instruments, self.networks, self._tell_health)
+            self.instruments = SiteInstruments(
+                instruments, self.networks, self._tell_health, self._watch_silence
+            )
         except BaseException:
             self.database.close()
             raise
@@ -98,6 +103,34 @@ class Site:
         """Record a problem of the site."""
         with suppress(DatabaseAway):
             self.events.record("problem", {"what": what}, at=clock.time(), network=None)
+
+    def _watch_silence(self, silence: dict[str, float]) -> None:
+        """Raise and clear alarms about instruments that are silent.
+
+        Args:
+            silence: for how many seconds each instrument has sent nothing.
+        """
+        standing = []
+        for alarm in self._silence:
+            assert isinstance(alarm.rule, SilenceRule)
+            for name, seconds in silence.items():
+                of_network = alarm.network in ("", self._instrument_networks[name])
+                if of_network and alarm.rule.covers(name) and seconds > alarm.rule.after:
+                    said = f"{name} has sent nothing for more than {alarm.rule.after:g} s"
+                    data = {"test": "silence", "limit": alarm.rule.after, "unit": "s", "text": said}
+                    standing.append(Raised(alarm.rule.name, name, data, alarm.notify))
+        now = {(s.rule, s.subject) for s in standing}
+        if now == self._silent:
+            return
+        rules = [a.rule.name for a in self._silence]
+        try:
+            with self.database.writing() as connection:
+                changes = reconcile(connection, None, None, rules, standing, clock.time())
+            for alarm_shown in changes.events:
+                self.events.record("alarm", {"alarm": alarm_shown}, at=clock.time(), network=None)
+        except DatabaseAway:
+            return  # it is compared again in a second
+        self._silent = now
 
     def _tell_health(self, network: str, health: dict[str, Any]) -> None:
         """Record that the health of an instrument has changed."""

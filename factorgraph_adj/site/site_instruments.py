@@ -33,6 +33,7 @@ class SiteInstruments:
         settings: list[InstrumentSettings],
         networks: Mapping[str, LiveNetwork],
         told: Callable[[str, dict[str, Any]], None],
+        watched: Callable[[dict[str, float]], None] = lambda silence: None,
     ) -> None:
         """Take the instruments; nothing is read yet.
 
@@ -40,9 +41,10 @@ class SiteInstruments:
             settings: their tables of the site file.
             networks: the networks of the site by name.
             told: takes the network and the health of an instrument whose state has changed.
+            watched: takes, about once a second, for how many seconds each instrument is silent.
         """
         board = SensorBoard()
-        self._networks, self._told = networks, told
+        self._networks, self._told, self._watched = networks, told, watched
         self._instruments = {
             s.name: Instrument(
                 s,
@@ -116,9 +118,17 @@ class SiteInstruments:
 
     def _watch(self) -> None:
         """Tell changes of health."""
+        begun = clock.time()
         last: dict[str, tuple[Any, ...]] = {}
         when: dict[str, float] = {}
         while not self._stop.wait(WATCH_SECONDS):
+            now_utc = clock.time()
+            self._watched(
+                {
+                    name: now_utc - max(i.health.last_message or begun, begun)
+                    for name, i in self._instruments.items()
+                }
+            )
             for name, instrument in self._instruments.items():
                 shown = self._shown(instrument)
                 state = (shown["connection"], shown["problem"], shown["problem_time"])

@@ -114,3 +114,17 @@ def test_a_password_that_is_missing_is_told(tmp_path):
             lambda: [h for h in client.get("/api/v1/instruments").json() if h["problem"]]
         )[0]
         assert health["problem"] == "the environment variable NO_SUCH_VARIABLE is not set"
+
+
+def test_an_instrument_that_is_silent_raises_an_alarm_until_it_sends(tmp_path):
+    file = tmp_path / "level.gsi"
+    file.write_bytes(SIGHT[0].encode())
+    rule = '[[alarm]]\nname = "quiet"\ntest = "silence"\nafter = 1.5\n'
+    with served(tmp_path, more=INSTRUMENT + rule) as client:
+        (alarm,) = until(lambda: client.get("/api/v1/alarms").json())
+        assert alarm["points"] == ["level"] and "nothing for more than 1.5 s" in alarm["text"]
+        with file.open("ab") as stream:
+            stream.write(SIGHT[1].encode())
+        until(lambda: client.get("/api/v1/alarms").json() == [])
+        (closed,) = client.get("/api/v1/alarms", params={"state": "all"}).json()[-1:]
+        assert closed["state"] == "closed" and closed["until"] > closed["since"]
