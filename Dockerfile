@@ -8,7 +8,7 @@ RUN pip install --no-cache-dir build && python -m build --wheel --outdir /wheel
 FROM python:3.12-slim
 COPY --from=wheel /wheel /wheel
 RUN wheel=$(echo /wheel/*.whl) \
-    && pip install --no-cache-dir "${wheel}[cli,plot,crs,report,xlsx]" \
+    && pip install --no-cache-dir "${wheel}[cli,plot,crs,report,xlsx,serve,instruments,postgresql]" \
     && rm -r /wheel \
     && useradd --create-home surveyor
 USER surveyor
