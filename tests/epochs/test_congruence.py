@@ -18,31 +18,18 @@ from factorgraph_adj.epochs.congruence_tests import (
 from factorgraph_adj.epochs.differences import differences_between
 from factorgraph_adj.epochs.epoch_coordinates import SolutionCoordinates
 from factorgraph_adj.errors import DatumError, InputError
-from tests.networks.epochs import PLACES, detectable_shift, epoch, rates, solved
+from tests.loaders.gama import adjusted_epoch
+from tests.networks.epochs import PLACES, detectable_shift, epoch, rates, solved, turned_vectors
 from tests.support.places import data_dir
 
 # -- published ------------------------------------------------------------------------------------
-
-
-def gama_epoch(name, folder):
-    """Read a network of Gama without the observations of points that it does not list."""
-    text = (data_dir("gama_deformation") / name).read_text(encoding="utf-8")
-    points = set(re.findall(r"<point id='(\w+)'", text))
-
-    def kept(match):
-        return match[0] if match[1] in points else ""
-
-    text = re.sub(r"<obs from='(\w+)'>.*?</obs>", kept, text, flags=re.S)
-    text = re.sub(r"<\w+[^<>]* to='(\w+)'[^<>]*/>", kept, text)
-    (folder / name).write_text(text, encoding="utf-8")
-    return fga.adjust(fga.read_gama(folder / name))
 
 
 @pytest.mark.published
 def test_shifts_of_gama(tmp_path):
     text = (data_dir("gama_deformation") / "data-1-2.txt").read_text(encoding="utf-8")
     rows = [t.split() for t in text.splitlines() if re.match(r"\w+ +\d+ +\d+ +\d+ ", t)]
-    first, second = (gama_epoch(f"data-{i}.gkf", tmp_path) for i in (1, 2))
+    first, second = (adjusted_epoch(n, tmp_path) for n in (1, 2))
     names = [r[0] for r in rows]
     found = fga.congruence(first, second, reference=[], objects=names)
     printed = np.array([[float(x) for x in r[4:6]] for r in rows])
@@ -367,23 +354,9 @@ def test_displacements_do_not_depend_on_how_far_another_point_moved(far):
     assert vectors[1] == pytest.approx(vectors[0], abs=1e-4)
 
 
-def vectors(turn: float, seed: int) -> fga.Solution:
-    """Return vectors from a held point to five others, all turned about the vertical."""
-    rng, network = np.random.default_rng(seed), fga.Network("vectors")
-    network.add_point("A", (0.0, 0.0, 0.0), fixed="xyz")
-    c, s = np.cos(turn), np.sin(turn)
-    for i, (x, y) in enumerate(((40, 5), (-30, 22), (11, -50), (35, 31), (-20, -25))):
-        network.add_point(f"P{i}", (x, y, 1.0))
-        at = np.array([c * x - s * y, s * x + c * y, 1.0])
-        for k in range(2):
-            value = tuple((at + 0.001 * rng.normal(size=3)).tolist())
-            network.add(fga.GnssVector("A", f"P{i}", value, sigma=(0.001,) * 3, id=f"{i}.{k}"))
-    return fga.adjust(network)
-
-
 def test_a_comparison_in_which_no_reference_point_is_stable_is_doubtful():
     """All azimuths of the second epoch are turned: every point moved against the held one."""
-    found = fga.congruence(vectors(0.0, 1), vectors(2e-3, 2))
+    found = fga.congruence(turned_vectors(0.0, 1), turned_vectors(2e-3, 2))
     assert not found.stable
     assert not found.fine
-    assert fga.congruence(vectors(0.0, 1), vectors(0.0, 2)).fine
+    assert fga.congruence(turned_vectors(0.0, 1), turned_vectors(0.0, 2)).fine

@@ -11,9 +11,9 @@ import factorgraph_adj as fga
 from factorgraph_adj.epochs.congruence import compare_epochs
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.monitoring.epoch_estimates import EpochEstimate
-from tests.epochs.test_congruence import gama_epoch, vectors
+from tests.loaders.gama import adjusted_epoch
 from tests.loaders.hanna import read_hanna
-from tests.networks.epochs import epoch, solved
+from tests.networks.epochs import epoch, solved, turned_vectors
 from tests.support.places import data_dir
 
 
@@ -67,7 +67,7 @@ def test_free_epochs(method):
 
 
 def test_held_epochs():
-    first, second = (vectors(turn, seed) for turn, seed in ((0.0, 1), (0.0, 2)))
+    first, second = (turned_vectors(turn, seed) for turn, seed in ((0.0, 1), (0.0, 2)))
     assert_same(compare_epochs(stored(first), stored(second, 2)), fga.congruence(first, second))
 
 
@@ -96,7 +96,7 @@ def test_epochs_with_different_points():
 
 @pytest.mark.published
 def test_gama_through_estimates(tmp_path):
-    first, second = (gama_epoch(f"data-{i}.gkf", tmp_path) for i in (1, 2))
+    first, second = (adjusted_epoch(n, tmp_path) for n in (1, 2))
     one, two = stored(first), stored(second, 2)
     assert set(one.held) >= {"A", "B", "C"}
     names = [n for n in one.names if n in two.names and n not in one.held]

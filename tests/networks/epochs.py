@@ -63,3 +63,17 @@ def detectable_shift():
         "P"
     )
     return tuple(x.detectable * x.hardest[:2])
+
+
+def turned_vectors(turn: float, seed: int) -> fga.Solution:
+    """Return vectors from a held point to five others, all turned about the vertical."""
+    rng, network = np.random.default_rng(seed), fga.Network("vectors")
+    network.add_point("A", (0.0, 0.0, 0.0), fixed="xyz")
+    c, s = np.cos(turn), np.sin(turn)
+    for i, (x, y) in enumerate(((40, 5), (-30, 22), (11, -50), (35, 31), (-20, -25))):
+        network.add_point(f"P{i}", (x, y, 1.0))
+        at = np.array([c * x - s * y, s * x + c * y, 1.0])
+        for k in range(2):
+            value = tuple((at + 0.001 * rng.normal(size=3)).tolist())
+            network.add(fga.GnssVector("A", f"P{i}", value, sigma=(0.001,) * 3, id=f"{i}.{k}"))
+    return fga.adjust(network)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import json
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -89,3 +90,15 @@ def served(folder: Path, **options: str) -> Iterator[TestClient]:
 def yard_of(site: Site) -> LiveNetwork:
     """Return the network of the yard."""
     return site.networks["yard"]
+
+
+@contextmanager
+def served_project(
+    folder: Path, name: str, *, objects: Sequence[str] = (), policy: str = "reject"
+) -> Iterator[TestClient]:
+    """Give a client of a running site whose only network is the project in ``folder/project``."""
+    lines = ["[site]", f'database = "{new_database(folder)}"', "[[network]]", f'name = "{name}"']
+    lines += ['project = "project"', f'policy = "{policy}"', f"objects = {json.dumps([*objects])}"]
+    (folder / "site.toml").write_text("\n".join(lines) + "\n")
+    with TestClient(application(Site(read_site(folder)))) as client:
+        yield client
