@@ -17,8 +17,9 @@ from ..version import __version__
 from .access import NotAllowed, TooFast
 from .database import DatabaseAway
 from .epoch_routes import epoch_router
-from .live_network import OtherRequest, Overloaded
+from .live_network import Overloaded
 from .network_routes import network_router
+from .postings import OtherRequest
 from .site import NoSuchThing, Site
 from .site_routes import site_router
 

@@ -37,9 +37,18 @@ from .alarm_tables import SiteAlarm
 from .database import Database, DatabaseAway
 from .epoch_results import epoch_result, record_result
 from .live_epochs import LiveEpoch, LiveEpochs
+from .postings import (
+    COMMANDS_THAT_CHANGE,
+    QUERIES,
+    OtherRequest,
+    named_ids,
+    posting_request,
+    posting_time,
+    recorded_request,
+    repeated_answer,
+)
 from .site_file import NetworkSettings
 from .surveillance import Surveillance, shown_findings
-from .tables import MAX_LETTERS_OF_NAME
 
 if TYPE_CHECKING:
     from sqlalchemy import Connection
@@ -50,27 +59,10 @@ MAX_WAITING_POSTINGS = 5000
 """Number of postings that may wait for a network; further ones are told to come later."""
 IDLE_SECONDS = 0.5
 """Time after which the network looks whether its epoch has ended, seconds."""
-MAX_AHEAD = 366 * 86400.0
-"""A posting may be so much later than the clock of its network, seconds; more is a wrong clock."""
-COMMANDS_THAT_CHANGE = frozenset(
-    ("add", "accept", "discard", "remove", "replace", "reweight", "snoop", "settle", "retire")
-)
-"""Commands of the stream protocol that the service records; ``write`` and ``stop`` are refused."""
-QUERIES = frozenset(
-    (
-        *("solution", "estimate", "reliability", "waiting", "suspects", "rejected", "doubts"),
-        *("causes", "next_sights"),
-    )
-)
-"""Commands that change nothing."""
 
 
 class Overloaded(AdjustmentError):
     """Too many postings wait."""
-
-
-class OtherRequest(AdjustmentError):
-    """A request with the same name asked something else."""
 
 
 @dataclass
@@ -304,7 +296,7 @@ class LiveNetwork:
             result = self._close(epoch, batch)
             batch.actions.append(_action(task, "close epoch", {"epoch": epoch.number}))
             return {"line": self._lines, "ok": True, **epoch.summary(), "result": result}
-        time, request = self._time(record, task), self._request(record)
+        time, request = posting_time(record, self._clock[0], task.received), posting_request(record)
         digest = hashlib.sha256(json.dumps(task.record, sort_keys=True).encode()).hexdigest()
         if request and (again := self._repeated(request, digest, batch)) is not None:
             return again
@@ -326,7 +318,7 @@ class LiveNetwork:
             if time > self._clock[0]:
                 self._clock = time, clock.monotonic()
             about = {"epoch": epoch.number, "do": do, "time": time, "by": task.who}
-            batch.events.append(("arrival", about | _named(task.record) | answer))
+            batch.events.append(("arrival", about | named_ids(task.record) | answer))
             if do != "add":
                 batch.actions.append(_action(task, str(do), task.record))
         elif not answer["ok"] and do == "add":
@@ -334,55 +326,11 @@ class LiveNetwork:
             batch.events.append(("refused", about))
         return answer
 
-    def _time(self, record: dict[str, Any], task: _Task) -> float:
-        """Take the time of a posting out of its record."""
-        given = record.pop("time", None)
-        if given is None:
-            return task.received
-        if isinstance(given, bool) or not isinstance(given, int | float):
-            raise InputError(Problem("time must be seconds since 1970 UTC, a number", "time"))
-        if not 0.0 <= given < 1e11:
-            raise InputError(Problem(f"time {given:g} is no time in seconds since 1970", "time"))
-        latest = max(self._clock[0], clock.time())
-        if given > latest + MAX_AHEAD:
-            what = f"time {given:g} is more than a year later than that of the network"
-            raise InputError(Problem(what, "time"))
-        return float(given)
-
-    def _request(self, record: dict[str, Any]) -> str:
-        """Take the request of a posting out of its record."""
-        given = record.pop("request", None)
-        if given is None:
-            return ""
-        if not isinstance(given, str) or not 0 < len(given) <= MAX_LETTERS_OF_NAME:
-            what = f"request must be a text of 1 to {MAX_LETTERS_OF_NAME} characters"
-            raise InputError(Problem(what, "request"))
-        return given
-
     def _repeated(self, request: str, digest: str, batch: _Batch) -> Answer | None:
         """Return the answer that a request has had already."""
-        from sqlalchemy import select
-
-        from .tables import requests
-
-        for row in batch.requests:
-            if row["request"] == request:
-                break
-        else:
-            wanted = select(requests).where(
-                requests.c.network == self.id, requests.c.request == request
-            )
-            with self._database.reading() as connection:
-                found = connection.execute(wanted).first()
-            if found is None:
-                return None
-            row = dict(found._mapping)
-        if row["digest"] != digest:
-            raise OtherRequest(
-                f"the request {request!r} has been recorded with another content: each posting "
-                "needs a request of its own"
-            )
-        return dict(json.loads(row["answer"])) | {"repeated": True}
+        now = next((r for r in batch.requests if r["request"] == request), None)
+        row = now or recorded_request(self._database, self.id, request)
+        return None if row is None else repeated_answer(row, digest)
 
     def _epoch_at(self, time: float) -> LiveEpoch:
         """Return the epoch of a time, which begins where there is none."""
@@ -509,12 +457,6 @@ class LiveNetwork:
                 if rows:
                     connection.execute(insert(table), rows)
         self.away = ""
-
-
-def _named(record: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the ids that a command names: an answer does not say what was removed."""
-    ids = record.get("ids", record.get("id") if record.get("do") == "replace" else None)
-    return {} if ids is None else {"ids": [ids] if isinstance(ids, str) else ids}
 
 
 def _action(task: _Task, action: str, data: Mapping[str, Any]) -> dict[str, Any]:

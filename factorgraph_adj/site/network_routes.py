@@ -17,8 +17,9 @@ from ..errors import InputError, Problem
 from ..io.project_writer import network_files
 from ..report.layout import finite_json
 from .dependencies import Network, Poster, Reader, TheSite
-from .live_network import COMMANDS_THAT_CHANGE, LiveNetwork, Overloaded
+from .live_network import LiveNetwork, Overloaded
 from .observation_list import ObservationList, observation_list
+from .postings import COMMANDS_THAT_CHANGE
 from .views import EpochView
 
 network_router = APIRouter(prefix="/networks/{name}", tags=["network"])

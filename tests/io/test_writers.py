@@ -22,6 +22,7 @@ from tests.support.same import assert_same_network
 PACKAGE = Path(fga.__file__).parent
 OWN_WAYS = {
     "cli/command_line.py": "nothing, to nothing, when nobody reads the output any more",
+    "cli/instrument_simulation.py": "the true places of a simulation, a line for each set",
     "io/transaction_folders.py": "files beside their places",
     "io/journal.py": "a journal, of which every line is whole or taken back",
     "io/json_records.py": "a temporary folder that is read again",

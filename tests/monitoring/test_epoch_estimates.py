@@ -13,7 +13,7 @@ from factorgraph_adj.errors import InputError
 from factorgraph_adj.monitoring.epoch_estimates import EpochEstimate
 from tests.loaders.gama import adjusted_epoch
 from tests.loaders.hanna import read_hanna
-from tests.networks.epochs import epoch, solved, turned_vectors
+from tests.networks.epochs import epoch, solved, solved_without, turned_vectors
 from tests.support.places import data_dir
 
 
@@ -39,19 +39,6 @@ def assert_same(one, two):
     assert one.scale == two.scale
     assert one.ratio == two.ratio
     assert str(one.scale_change) == str(two.scale_change)
-
-
-def solved_without(name, seed):
-    """Return an epoch that lacks a point."""
-    full = epoch(seed)
-    network = fga.Network(f"without {name}", datum="free")
-    for n, p in full.points.items():
-        if n != name:
-            network.add_point(n, p.coordinates, fixed="z")
-    for o in full.observations.values():
-        if name not in (o.station, o.target):
-            network.add(o)
-    return fga.adjust(network)
 
 
 @pytest.mark.parametrize("method", ["backward", "combinations", "robust"])

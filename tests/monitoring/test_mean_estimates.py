@@ -13,8 +13,7 @@ from factorgraph_adj.errors import InputError
 from factorgraph_adj.frames import GeocentricFrame
 from factorgraph_adj.monitoring.epoch_estimates import EpochEstimate
 from factorgraph_adj.monitoring.mean_estimates import MeanEstimate, mean_estimate
-from tests.monitoring.test_epoch_estimates import solved_without
-from tests.networks.epochs import PLACES, epoch, solved
+from tests.networks.epochs import PLACES, epoch, solved, solved_without
 
 
 def estimates(solutions):

@@ -77,3 +77,16 @@ def turned_vectors(turn: float, seed: int) -> fga.Solution:
             value = tuple((at + 0.001 * rng.normal(size=3)).tolist())
             network.add(fga.GnssVector("A", f"P{i}", value, sigma=(0.001,) * 3, id=f"{i}.{k}"))
     return fga.adjust(network)
+
+
+def solved_without(name, seed):
+    """Return an epoch that lacks a point."""
+    full = epoch(seed)
+    network = fga.Network(f"without {name}", datum="free")
+    for n, p in full.points.items():
+        if n != name:
+            network.add_point(n, p.coordinates, fixed="z")
+    for o in full.observations.values():
+        if name not in (o.station, o.target):
+            network.add(o)
+    return fga.adjust(network)

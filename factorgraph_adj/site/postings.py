@@ -1,0 +1,107 @@
+"""Fields of a posting that the service takes: its time, its request; answers that were given."""
+
+from __future__ import annotations
+
+import json
+import time as clock
+from collections.abc import Mapping
+from typing import Any
+
+from ..errors import AdjustmentError, InputError, Problem
+from ..service.answers import Answer
+from .database import Database
+
+MAX_LETTERS_OF_REQUEST = 200
+"""Largest number of characters of a request, as its column in the database."""
+MAX_AHEAD = 366 * 86400.0
+"""A posting may be so much later than the clock of its network, seconds; more is a wrong clock."""
+COMMANDS_THAT_CHANGE = frozenset(
+    ("add", "accept", "discard", "remove", "replace", "reweight", "snoop", "settle", "retire")
+)
+"""Commands of the stream protocol that the service records; ``write`` and ``stop`` are refused."""
+QUERIES = frozenset(
+    (
+        *("solution", "estimate", "reliability", "waiting", "suspects", "rejected", "doubts"),
+        *("causes", "next_sights"),
+    )
+)
+"""Commands that change nothing."""
+
+
+class OtherRequest(AdjustmentError):
+    """A request with the same name asked something else."""
+
+
+def posting_time(record: dict[str, Any], latest: float, received: float) -> float:
+    """Take the time of a posting out of its record.
+
+    Args:
+        record: the posting.
+        latest: time of the latest posting of the network, seconds UTC.
+        received: when this one was received, its time where it states none.
+
+    Raises:
+        InputError: the time is no time, or is much too late.
+    """
+    given = record.pop("time", None)
+    if given is None:
+        return received
+    if isinstance(given, bool) or not isinstance(given, int | float):
+        raise InputError(Problem("time must be seconds since 1970 UTC, a number", "time"))
+    if not 0.0 <= given < 1e11:
+        raise InputError(Problem(f"time {given:g} is no time in seconds since 1970", "time"))
+    if given > max(latest, clock.time()) + MAX_AHEAD:
+        what = f"time {given:g} is more than a year later than that of the network"
+        raise InputError(Problem(what, "time"))
+    return float(given)
+
+
+def posting_request(record: dict[str, Any]) -> str:
+    """Take the request of a posting out of its record; empty where it has none.
+
+    Raises:
+        InputError: it is no text, or too long.
+    """
+    given = record.pop("request", None)
+    if given is None:
+        return ""
+    if not isinstance(given, str) or not 0 < len(given) <= MAX_LETTERS_OF_REQUEST:
+        what = f"request must be a text of 1 to {MAX_LETTERS_OF_REQUEST} characters"
+        raise InputError(Problem(what, "request"))
+    return given
+
+
+def recorded_request(database: Database, network: int, request: str) -> dict[str, Any] | None:
+    """Return the row of a request; None: it was not recorded."""
+    from sqlalchemy import select
+
+    from .tables import requests
+
+    wanted = select(requests).where(requests.c.network == network, requests.c.request == request)
+    with database.reading() as connection:
+        found = connection.execute(wanted).first()
+    return None if found is None else dict(found._mapping)
+
+
+def repeated_answer(row: Mapping[str, Any], digest: str) -> Answer:
+    """Return the answer that a request has had already.
+
+    Args:
+        row: its row.
+        digest: digest of what is asked now.
+
+    Raises:
+        OtherRequest: it asked something else.
+    """
+    if row["digest"] != digest:
+        raise OtherRequest(
+            f"the request {row['request']!r} has been recorded with another content: each posting "
+            "needs a request of its own"
+        )
+    return dict(json.loads(row["answer"])) | {"repeated": True}
+
+
+def named_ids(record: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the ids that a command names: an answer does not say what was removed."""
+    ids = record.get("ids", record.get("id") if record.get("do") == "replace" else None)
+    return {} if ids is None else {"ids": [ids] if isinstance(ids, str) else ids}
