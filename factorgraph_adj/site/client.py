@@ -17,7 +17,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
-from ..errors import AdjustmentError, InputError, Problem, system_reason
+from ..errors import AdjustmentError, InputError, Problem
+from ..io.file_transaction import write_files
 from .outbox import Kept, Outbox, requested
 
 if TYPE_CHECKING:
@@ -203,12 +204,7 @@ class Client:
         """
         query = {} if epoch is None else {"epoch": epoch}
         data = self._asked("GET", f"/networks/{network}/{name}", params=query).content
-        try:
-            Path(path).write_bytes(data)
-        except OSError as error:
-            raise InputError(
-                Problem(f"cannot be written: {system_reason(error)}", str(path))
-            ) from None
+        write_files(Path(path).parent, {Path(path).name: data})
 
     # -- postings ---------------------------------------------------------------------------------
 

@@ -382,10 +382,13 @@ class LiveNetwork:
 
         from .tables import epochs
 
+        def reopened(connection: Connection) -> None:
+            state = update(epochs).where(epochs.c.id == epoch.id).values(state="reopened")
+            connection.execute(state)
+
         if epoch.state == "closed":
             self._epochs.turned(epoch, "reopened")
-            state = update(epochs).where(epochs.c.id == epoch.id).values(state="reopened")
-            batch.statements.append(state)
+            batch.steps.append(reopened)
             told = {"epoch": epoch.number, "what": "reopened", **epoch.summary()}
             batch.events.append(("epoch", told))
 

@@ -26,6 +26,8 @@ OWN_WAYS = {
     "io/transaction_folders.py": "files beside their places",
     "io/journal.py": "a journal, of which every line is whole or taken back",
     "io/json_records.py": "a temporary folder that is read again",
+    "instruments/line_log.py": "lines that wait, of which a new file takes the place when whole",
+    "site/site_archive.py": "an archive under a name that was free, removed where it is not whole",
     "site/database.py": "an empty file, whose lock keeps other processes out",
     "parts/part_files.py": "states of a run, each moved into place by itself",
 }
