@@ -167,7 +167,7 @@ def test_what_is_sent_is_on_the_site(served_yard, tmp_path):
         client.download("yard", "results.json", tmp_path / "results.json")
         assert json.loads((tmp_path / "results.json").read_text())
         assert client.close_epoch("yard")["state"] == "closed"
-        assert client.epoch("yard", client.epochs("yard")[0]["number"])["result"]["converged"]
+        assert client.epoch("yard", client.epochs("yard")[0]["number"])["points"]
 
 
 @pytest.mark.parametrize(
