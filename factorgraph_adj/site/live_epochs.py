@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +19,8 @@ from .site_file import NetworkSettings
 
 MAX_LOADED = 3
 """Number of epochs that are in memory: the present one, and closed ones that were opened again."""
+DROPPED = "dropped"
+"""State of a closed epoch whose readings are kept no longer."""
 
 
 @dataclass
@@ -112,6 +114,11 @@ class LiveEpochs:
         if number not in rows:
             raise InputError(f"network {self.settings.name} has no epoch {number}")
         row = rows[number]
+        if row["state"] == DROPPED:
+            raise InputError(
+                f"the readings of epoch {number} were dropped, as [retention] says: its result "
+                "stays, and it takes no late readings"
+            )
         journal = self._journal_of(row["id"], number)
         if self._begun(row["id"]):
             adjustment = IncrementalAdjustment.resume(
@@ -212,6 +219,35 @@ class LiveEpochs:
         for row in self.rows():
             if row["number"] == epoch.number:
                 row |= {"state": epoch.state, "revision": epoch.revision}
+
+    def drop_readings(self, before: float, kept: Collection[int | None]) -> list[int]:
+        """Take out the readings of closed epochs, each in a transaction; return their numbers.
+
+        Args:
+            before: those that ended before this time, seconds UTC.
+            kept: numbers of epochs that keep their readings; the last two keep them too.
+        """
+        from sqlalchemy import delete, update
+
+        from .tables import epochs, journal
+
+        rows = self.rows()
+        last = {row["number"] for row in rows[-2:]}
+        out = []
+        for row in rows:
+            number, end = row["number"], row["end"]
+            if row["state"] != "closed" or number in last or number in kept:
+                continue
+            if (row["begin"] if end is None else end) >= before:
+                continue
+            with self._database.writing() as connection:
+                connection.execute(delete(journal).where(journal.c.epoch == row["id"]))
+                change = update(epochs).where(epochs.c.id == row["id"])
+                connection.execute(change.values(state=DROPPED))
+            self._loaded.pop(number, None)
+            row["state"] = DROPPED
+            out.append(number)
+        return out
 
     def drop(self) -> None:
         """Forget what is in memory; it is read again from the database."""

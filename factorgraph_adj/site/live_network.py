@@ -154,6 +154,19 @@ class LiveNetwork:
         task = _Task({"do": "close epoch"}, who, clock.time(), Future())
         return self._submit(task)
 
+    def drop_readings(self, before: float) -> list[int]:
+        """Take out the readings of closed epochs that ended before a time; return their numbers.
+
+        Args:
+            before: seconds UTC.
+
+        Raises:
+            DatabaseAway: the database cannot be written; nothing has changed then.
+        """
+        kept = self.settings.reference, self.surveillance.against
+        with self._lock:
+            return self._epochs.drop_readings(before, kept)
+
     def close_stale(self) -> None:
         """Compute now what got late readings, without waiting for more of them."""
         with self._lock:

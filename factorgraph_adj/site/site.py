@@ -20,6 +20,7 @@ from .alarm_tables import SilenceRule, read_alarms
 from .database import Database, DatabaseAway
 from .event_log import EventLog
 from .live_network import LiveNetwork
+from .retention import Retention, read_retention
 from .site_file import SiteSettings
 from .site_instruments import SiteInstruments
 
@@ -56,6 +57,7 @@ class Site:
         self._silence = [a for a in alarms if isinstance(a.rule, SilenceRule)]
         self._silent: set[tuple[str, str]] | None = None
         self._instrument_networks = {i.name: i.network for i in instruments}
+        retention = read_retention(settings.tables.get("retention"), settings.path.name)
         server = read_mail_server(settings.tables.get("smtp"), settings.path.name)
         projects: list[Project] = [
             READERS.load(str(n.project), allow_outside=allow_outside, options={})
@@ -71,6 +73,7 @@ class Site:
                 )
                 for n, project in zip(settings.networks, projects, strict=True)
             }
+            self.retention = Retention(retention, self.database, self.networks.values())
             names = {live.id: name for name, live in self.networks.items()}
             self.alarms = AlarmLog(self.database, names)
             folder = settings.path.parent
@@ -90,11 +93,13 @@ class Site:
             network.start()
         self.instruments.start()
         self.notices.start()
+        self.retention.start()
 
     def stop(self) -> None:
         """Execute what waits, and close the database."""
         self.instruments.stop()
         self.notices.stop()
+        self.retention.stop()
         for network in self.networks.values():
             network.stop()
         self.database.close()

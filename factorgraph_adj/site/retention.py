@@ -1,0 +1,185 @@
+"""What a site keeps, and for how long, so that its database does not grow without bound.
+
+    [retention]
+    journals = "400 d"     # readings of closed epochs; not stated: for ever
+    answers = "7 d"        # answers to requests
+    events = "30 d"        # what browsers follow
+
+Results of epochs, alarms, messages and decisions are kept for ever. After ``answers`` the answer to
+a request is shortened to its verdict, while its name and digest stay: a repetition changes nothing,
+however late it comes. After ``journals`` the readings of an epoch leave; its result stays, and late
+readings for it are refused with this reason. The present epoch, the last closed one and the
+reference epoch keep their readings. SQLite uses the room that becomes free for what comes later;
+the file does not become smaller.
+"""
+
+from __future__ import annotations
+
+import json
+import time as clock
+from collections.abc import Iterable
+from dataclasses import dataclass
+from threading import Event, Thread
+from typing import Any
+
+from ..errors import InputError, Problem
+from ..instruments.instrument_settings import duration
+from ..io.csv_tables import FieldRow
+from .database import Database, DatabaseAway
+from .live_network import LiveNetwork
+
+DAY_S = 86400.0
+FIRST_SECONDS, EVERY_SECONDS = 60.0, 3600.0
+"""Time until the first look, and between two looks, seconds."""
+ROWS_AT_ONCE = 1000
+"""Rows that one transaction changes, so that writers wait for it only shortly."""
+KEPT_OF_ANSWERS = ("line", "ok", "epoch", "id", "verdict", "do")
+"""What is kept of an answer that is shortened."""
+
+
+@dataclass(frozen=True)
+class RetentionSettings:
+    """For how long things are kept, seconds; None: for ever."""
+
+    journals: float | None = None
+    """Readings of closed epochs."""
+    answers: float | None = 7.0 * DAY_S
+    """Answers to requests."""
+    events: float | None = 30.0 * DAY_S
+    """Events."""
+
+
+def read_retention(table: object, where: str) -> RetentionSettings:
+    """Return the settings of a site file.
+
+    Raises:
+        InputError: all problems of the table.
+    """
+    if table is None:
+        return RetentionSettings()
+    problems: list[Problem] = []
+    row = FieldRow(table if isinstance(table, dict) else {}, f"{where}: [retention]", problems)
+    if not isinstance(table, dict):
+        row.wrong("retention must be a table")
+    found: dict[str, float | None] = {}
+    for name in ("journals", "answers", "events"):
+        given = row.take(name)
+        if given is None:
+            continue
+        if given == "for ever":
+            found[name] = None
+            continue
+        try:
+            found[name] = duration(given)
+        except ValueError as error:
+            row.wrong(f'{name} {error}, or "for ever"')
+    for name in row.left():
+        row.wrong(f"unknown key {name!r}; valid: journals, answers, events")
+    if problems:
+        raise InputError(problems)
+    return RetentionSettings(**found)
+
+
+class Retention:
+    """Takes out what is kept no longer, in a thread of its own."""
+
+    def __init__(
+        self, settings: RetentionSettings, database: Database, networks: Iterable[LiveNetwork]
+    ) -> None:
+        """Take the settings.
+
+        Args:
+            settings: for how long things are kept.
+            database: the database.
+            networks: the networks of the site.
+        """
+        self.settings, self._database, self._networks = settings, database, list(networks)
+        self._stop = Event()
+        self._thread = Thread(target=self._run, name="retention", daemon=True)
+
+    def start(self) -> None:
+        """Begin to look."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End."""
+        self._stop.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def _run(self) -> None:
+        wait = FIRST_SECONDS
+        while not self._stop.wait(wait):
+            wait = EVERY_SECONDS
+            try:
+                self.apply(clock.time())
+            except DatabaseAway:
+                wait = FIRST_SECONDS
+
+    def apply(self, now: float) -> dict[str, int]:
+        """Take out what is kept no longer, and return numbers of rows.
+
+        Args:
+            now: seconds UTC; epochs are compared with the clock of their network.
+
+        Raises:
+            DatabaseAway: the database cannot be written.
+        """
+        keep, out = self.settings, {"events": 0, "answers": 0, "epochs": 0}
+        if keep.events is not None:
+            out["events"] = self._drop_events(now - keep.events)
+        if keep.answers is not None:
+            out["answers"] = self._shorten_answers(now - keep.answers)
+        if keep.journals is not None:
+            for network in self._networks:
+                out["epochs"] += len(network.drop_readings(network.now() - keep.journals))
+        return out
+
+    def _drop_events(self, before: float) -> int:
+        """Take out events; the last one stays, so that numbers go on."""
+        from sqlalchemy import delete, func, select
+
+        from .tables import events
+
+        total = 0
+        while not self._stop.is_set():
+            with self._database.writing() as connection:
+                last = connection.execute(select(func.max(events.c.id))).scalar() or 0
+                old = select(events.c.id).where(events.c.at < before, events.c.id < last)
+                chosen = connection.execute(old.limit(ROWS_AT_ONCE)).scalars().all()
+                if chosen:
+                    connection.execute(delete(events).where(events.c.id.in_(chosen)))
+            total += len(chosen)
+            if len(chosen) < ROWS_AT_ONCE:
+                break
+        return total
+
+    def _shorten_answers(self, before: float) -> int:
+        """Shorten answers to requests."""
+        from sqlalchemy import bindparam, func, select, update
+
+        from .tables import requests
+
+        total, longest = 0, 200
+        change = update(requests).where(requests.c.id == bindparam("key"))
+        while not self._stop.is_set():
+            old = select(requests.c.id, requests.c.answer).where(
+                requests.c.at < before, func.length(requests.c.answer) > longest
+            )
+            with self._database.writing() as connection:
+                chosen = connection.execute(old.limit(ROWS_AT_ONCE)).all()
+                rows = [{"key": r.id, "text": shortened(r.answer, longest)} for r in chosen]
+                if rows:
+                    connection.execute(change.values(answer=bindparam("text")), rows)
+            total += len(rows)
+            if len(rows) < ROWS_AT_ONCE:
+                break
+        return total
+
+
+def shortened(answer: str, longest: int) -> str:
+    """Return what is kept of an answer, at most ``longest`` characters."""
+    full: dict[str, Any] = json.loads(answer)
+    kept = {k: full[k] for k in KEPT_OF_ANSWERS if k in full} | {"shortened": True}
+    text = json.dumps(kept)
+    return text if len(text) <= longest else json.dumps({"ok": full["ok"], "shortened": True})
