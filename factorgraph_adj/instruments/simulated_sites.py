@@ -134,6 +134,9 @@ def write_site(
 ) -> list[Path]:
     """Write project and site file of a simulated site; return their paths.
 
+    The site has epochs of an hour and an alarm for displacements of its objects, false once in ten
+    months.
+
     Raises:
         InputError: a file cannot be written.
     """
@@ -153,6 +156,13 @@ name = "{name}"
 project = "project.toml"
 epochs = "1 h"
 objects = [{objects}]
+
+[[alarm]]
+name = "objects"
+network = "{name}"
+test = "displacement"
+points = [{objects}]
+false_alarms_per_month = 0.1
 
 {tables}"""
     folder.mkdir(parents=True, exist_ok=True)

@@ -2,7 +2,7 @@
 import { request } from "./api.js";
 import { axis, chart, local, plain } from "./charts.js";
 import { ask, button, colour, figures, fill, h } from "./dom.js";
-import { fixed, isNumber, metres, moment, stamp, t, word } from "./language.js";
+import { fixed, isNumber, kindName, metres, moment, stamp, t, word } from "./language.js";
 import { here, watch } from "./live.js";
 import { act, link, may, part, pill, pointLink, pointLinks } from "./parts.js";
 import { Table } from "./table.js";
@@ -11,10 +11,17 @@ const COLOURS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b08400", "#56b4e9
 const SYMBOLS = ["circle", "square", "diamond", "triangle-up", "cross", "x", "star"];
 
 const movedOf = (e) => e.congruence?.moved ?? [];
-const outcome = (e) => {
-  if (!e.congruence) return h("span", { class: "note" }, "–");
+// The reference points may be untested, where there are none; their shape may have changed without
+// a single point that is significant.
+const verdictOf = (e) => {
   const moved = movedOf(e).length;
-  return pill(moved ? "moved" : "stable", moved ? t("moved_n", { n: moved }) : t("stable"));
+  if (moved) return ["moved", t("moved_n", { n: moved })];
+  if (e.congruence?.outcome === "changed") return ["moved", t("changed")];
+  return e.congruence?.outcome === "congruent" || e.congruence && e.displacements?.length ? ["stable", t("stable")] : null;
+};
+const outcome = (e) => {
+  const found = verdictOf(e);
+  return found ? pill(...found) : h("span", { class: "note" }, "–");
 };
 
 export function epochs(root, [number], signal) {
@@ -29,7 +36,7 @@ export function epochs(root, [number], signal) {
       { title: t("state"), value: (e) => word("state", e.state), later: true, node: (e) => [word("state", e.state), e.revision > 1 ? ` (${t("revision", { number: e.revision })})` : ""] },
       { title: "σ̂0", number: true, value: (e) => e.sigma0 ?? NaN, text: (e) => fixed(e.sigma0, 3) },
       { title: t("redundancy"), number: true, later: true, value: (e) => e.redundancy ?? NaN, text: (e) => String(e.redundancy ?? "–") },
-      { title: t("congruence"), value: (e) => movedOf(e).length, number: false, text: (e) => (e.congruence ? (movedOf(e).length ? t("moved_n", { n: movedOf(e).length }) : t("stable")) : "–"), node: outcome },
+      { title: t("congruence"), value: (e) => movedOf(e).length, number: false, text: (e) => verdictOf(e)?.[1] ?? "–", node: outcome },
       { title: t("moved_points"), later: true, value: (e) => movedOf(e).join(", "), node: (e) => pointLinks(movedOf(e), 6) },
     ],
   });
@@ -55,7 +62,7 @@ function componentsFigure(found) {
   const data = [
     { type: "scatter", mode: "lines+markers", name: "σ̂0", x: times, y: found.map((e) => e.sigma0), line: { color: colour("ink"), width: 2.5 }, marker: { size: 5 } },
     ...names.map((name, i) => ({
-      type: "scatter", mode: "lines+markers", name: plain(name), x: times, y: found.map((e) => e.groups?.find((g) => g.name === name)?.component ?? null),
+      type: "scatter", mode: "lines+markers", name: plain(kindName(name)), x: times, y: found.map((e) => e.groups?.find((g) => g.name === name)?.component ?? null),
       line: { color: COLOURS[i % COLOURS.length], width: 1.4, dash: ["solid", "dash", "dot"][i % 3] }, marker: { symbol: SYMBOLS[i % SYMBOLS.length], size: 6 },
     })),
   ];
@@ -69,15 +76,16 @@ function epoch(root, number, signal) {
   root.append(h("p", { class: "row" }, h("a", { href: link("epochs") }, `‹ ${t("view_epochs")}`)), box.node);
   let table = null;
   watch(here(`epochs/${encodeURIComponent(number)}`), (r) => box.show(r, (row) => {
-    const e = { ...row.result, ...row };
-    const c = e.congruence, rows = e.displacements ?? [], blocks = e.blocks ?? [];
+    const e = row, c = e.congruence, rows = e.displacements ?? [], blocks = e.blocks ?? [];
     const head = h("div", {},
       h("p", {}, outcome(e)),
       figures([
         [t("begin"), moment(e.begin)], [t("end"), moment(e.end)], [t("state"), word("state", e.state)],
         ["σ̂0", fixed(e.sigma0, 3)], [t("redundancy"), e.redundancy ?? "–"], [t("revision_head"), e.revision ?? "–"],
       ], { class: "figures small" }),
-      c ? h("p", {}, t(movedOf(e).length ? "congruence_failed" : "congruence_passed", { against: e.against ?? "–", test: fixed(c.test, 2), critical: fixed(c.critical, 2) }), movedOf(e).length ? [" ", t("moved_points"), ": ", pointLinks(movedOf(e), 30)] : null) : h("p", { class: "note" }, t("congruence_none")));
+      e.problem ? h("p", { class: "problem", lang: "en" }, e.problem) : null,
+      c && isNumber(c.test) ? h("p", {}, t(c.outcome === "changed" ? "congruence_failed" : "congruence_passed", { against: e.against ?? "–", test: fixed(c.test, 2), critical: fixed(c.critical, 2) })) : h("p", { class: "note" }, t("congruence_none")),
+      movedOf(e).length ? h("p", {}, t("moved_points"), ": ", pointLinks(movedOf(e), 30)) : null);
     const blockList = blocks.length ? [h("h3", { class: "livehead" }, t("blocks")), h("ul", { class: "cards" }, blocks.map((b, i) => h("li", { class: "card" },
       h("strong", {}, t("block_n", { number: i + 1 })), " ", pill(b.moved ? "moved" : "stable", t(b.moved ? "moved" : "stable")),
       h("div", { class: "figure" }, (b.translation_mm ?? []).map((v) => fixed(v, 1)).join(" / "), " mm", isNumber(b.rotation_mgon) ? `, ${fixed(b.rotation_mgon, 1)} mgon` : ""),
@@ -92,6 +100,7 @@ function epoch(root, number, signal) {
         { title: "T", number: true, value: (d) => d.T ?? NaN, text: (d) => fixed(d.T, 2) },
         { title: t("critical"), number: true, later: true, value: (d) => d.critical ?? NaN, text: (d) => fixed(d.critical, 2) },
         { title: `${t("detectable")} [mm]`, number: true, later: true, value: (d) => 1000 * metres(d, "detectable"), text: (d) => fixed(1000 * metres(d, "detectable"), 2) },
+        { title: `${t("alarm_detectable")} [mm]`, number: true, later: true, value: (d) => 1000 * metres(d, "alarm_detectable"), text: (d) => fixed(1000 * metres(d, "alarm_detectable"), 2) },
       ],
     });
     table?.set(rows);

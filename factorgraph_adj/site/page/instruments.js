@@ -1,11 +1,11 @@
 // Health of the instruments.
 import { figures, fill, h } from "./dom.js";
-import { duration, fixed, isNumber, moment, t } from "./language.js";
+import { duration, fixed, isNumber, moment, t, word } from "./language.js";
 import { context, now, on, watch } from "./live.js";
 import { part, pill } from "./parts.js";
 import { instrumentsOf } from "./state.js";
 
-const TROUBLES = ["refused", "without_reading", "doubled", "late", "gaps", "clock_jumps", "doubtful_faces", "left_out", "not_posted", "refused_postings"];
+const TROUBLES = ["refused", "without_reading", "doubled", "late", "gaps", "clock_jumps", "doubtful_faces", "left_out", "not_posted", "refused_postings", "not_kept"];
 
 export function instruments(root, _, signal) {
   const box = part(null);
@@ -19,13 +19,13 @@ export function instruments(root, _, signal) {
       const age = h("span", { class: "note" });
       if (isNumber(i.last_message)) { ages.push([age, i.last_message]); age.textContent = t("ago", { time: duration(now() - i.last_message) }); }
       return h("li", { class: "card", "data-instrument": i.name },
-        h("h2", {}, i.name, " ", pill(i.state)),
+        h("h2", {}, i.name, " ", pill(i.state, i.state === "faulty" && i.connection ? word("state", i.connection) : undefined)),
         h("p", { class: "note" }, [i.grammar, i.source, i.network !== context.network ? i.network : null].filter(Boolean).join(" · ")),
-        i.problem ? h("p", { class: i.state === "receiving" ? "why" : "problem" }, i.problem_time ? [moment(i.problem_time), " "] : null, h("span", { lang: "en" }, i.problem)) : null,
+        i.problem ? h("p", { class: i.state === "ok" ? "why" : "problem" }, i.problem_time ? [moment(i.problem_time), " "] : null, h("span", { lang: "en" }, i.problem)) : null,
         figures([
           [t("last_message"), [moment(i.last_message, { withSeconds: true }), " ", age]],
-          [t("messages"), i.lines ?? "–"], [t("readings"), i.readings ?? "–"],
-          [t("clock_offset"), isNumber(i.clock_offset) ? `${fixed(i.clock_offset, 1)} s` : "–"],
+          [t("messages"), i.messages ?? "–"], [t("readings"), i.readings ?? "–"],
+          [t("clock_offset"), isNumber(i.clock_offset_s) ? `${fixed(i.clock_offset_s, 1)} s` : "–"],
           // What should not happen is listed where it has happened.
           ...TROUBLES.filter((c) => i[c]).map((c) => [t(`count_${c}`), i[c]]),
         ], { class: "figures small" }),

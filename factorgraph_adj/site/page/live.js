@@ -2,7 +2,7 @@
 // and whether the connection stands.
 import { address, read } from "./api.js";
 
-const EVENTS = ["arrival", "refused", "epoch", "alarm", "instrument", "hello", "beat"];
+const EVENTS = ["arrival", "refused", "epoch", "alarm", "instrument", "problem", "hello", "beat"];
 const MOST_LOGGED = 500;
 // States of the observations that a command names; verdicts in its answer tell more.
 const AFTER = { accept: "accepted", discard: "rejected", remove: "gone", replace: "gone" };

@@ -1,16 +1,19 @@
 // The first view: the light with its reason, the figures, alarms and instruments.
 import { request } from "./api.js";
 import { ask, button, figures, fill, h } from "./dom.js";
-import { fixed, moment, t, word } from "./language.js";
+import { fixed, isNumber, moment, t, word } from "./language.js";
 import { context, here, on, peek, watch } from "./live.js";
 import { act, link, may, part, pill } from "./parts.js";
 import { alarmSentence, alarmsOf, countsOf, instrumentsOf, light, sigma0Of } from "./state.js";
 import { symbol } from "./symbols.js";
 
+const MOST_PROBLEMS = 5;
+
 export function overview(root, _, signal) {
   const lamp = h("section", { class: "light unknown", "aria-label": t("light") });
   const numbers = part(t("figures")), alarms = part(t("alarms"), { id: "alarms" }), health = part(t("instruments"));
-  root.append(lamp, h("div", { class: "two" }, h("div", {}, numbers.node, health.node), alarms.node));
+  const problems = h("section", { id: "problems" });
+  root.append(lamp, h("div", { class: "two" }, h("div", {}, numbers.node, health.node), h("div", {}, alarms.node, problems)));
 
   const shine = () => {
     const { state, reasons } = light();
@@ -39,6 +42,15 @@ export function overview(root, _, signal) {
     ]), h("p", { class: "note" }, t("settings_of", { policy: word("policy", s.policy), alpha: s.alpha ?? "–", datum: s.datum ?? "–", crs: s.crs ?? t("local") })));
   };
 
+  // What goes wrong beside the network, such as messages that could not be sent.
+  const drawProblems = () => {
+    const found = context.log.filter((e) => e.event === "problem").slice(-MOST_PROBLEMS).toReversed();
+    fill(problems, found.length ? [h("h2", {}, t("problems")), h("ul", {}, found.map((e) => h("li", { class: "problem" }, moment(e.data.at), " ", h("span", { lang: "en" }, e.data.what))))] : null);
+  };
+  on("log", drawProblems, signal);
+  on("event", (entry) => { if (entry.event === "problem") drawProblems(); }, signal);
+  drawProblems();
+
   const draw = (where, what) => (resource) => { where.show(resource, what); shine(); };
   watch(here(""), draw(numbers, drawNumbers), { events: ["arrival", "epoch"], least: 2000, signal });
   on("event", (entry) => { if (entry.event === "arrival") { drawNumbers(); shine(); } }, signal);
@@ -46,7 +58,7 @@ export function overview(root, _, signal) {
   watch("instruments", draw(health, (found) => {
     const own = instrumentsOf(found);
     fill(health.body, own.length
-      ? h("ul", { class: "cards" }, own.map((i) => h("li", { class: "card" }, h("a", { href: link("instruments") }, i.name), " ", pill(i.state), h("div", { class: "note" }, t("last_message"), " ", moment(i.last_message, { withSeconds: true }), i.problem ? ` · ${i.problem}` : ""))))
+      ? h("ul", { class: "cards" }, own.map((i) => h("li", { class: "card" }, h("a", { href: link("instruments") }, i.name), " ", pill(i.state, i.state === "faulty" && i.connection ? word("state", i.connection) : undefined), h("div", { class: "note" }, t("last_message"), " ", moment(i.last_message, { withSeconds: true }), i.problem ? ` · ${i.problem}` : ""))))
       : h("p", { class: "note" }, t("no_instruments")));
   }), { events: ["instrument"], every: 15000, signal });
   shine();
@@ -62,9 +74,9 @@ function drawAlarms(box, found) {
 export function alarmItem(a) {
   const row = h("div", { class: "row" });
   const post = (what, body, said) => act(row, () => request("POST", `alarms/${encodeURIComponent(a.id)}/${what}`, body), said);
-  if (may("surveyor") && (a.state === "open" || a.state === "silenced"))
+  if (may("surveyor") && a.state !== "closed" && !isNumber(a.acknowledged))
     row.append(button(t("acknowledge"), () => post("acknowledge", {}, () => t("acknowledged_done", { rule: a.rule })), { "data-key": `ack-${a.id}` }));
-  if (may("surveyor") && a.state !== "silenced")
+  if (may("surveyor") && a.state !== "silenced" && a.state !== "closed")
     row.append(button(t("silence"), async () => {
       const given = await ask({
         title: t("silence_title", { rule: a.rule }), agree: t("silence"), cancel: t("cancel"),
@@ -73,12 +85,17 @@ export function alarmItem(a) {
       });
       if (given) post("silence", { hours: Number(given.get("hours")) }, () => t("silenced_done", { rule: a.rule, hours: given.get("hours") }));
     }, { "data-key": `silence-${a.id}` }));
-  return h("li", { class: a.state === "open" ? "rejected" : "suspect", "data-alarm": a.id },
+  return h("li", { class: a.state === "open" ? "rejected" : a.state === "closed" ? "accepted" : "suspect", "data-alarm": a.id },
     h("div", { class: "head" }, pill(a.state), h("strong", {}, a.rule), a.network && a.network !== context.network ? h("span", { class: "note" }, a.network) : null),
     h("div", {}, alarmSentence(a)),
+    a.latest && (isNumber(a.latest.size_mm) || isNumber(a.latest.value)) ? h("div", { class: "note" }, t("alarm_latest", {
+      size: isNumber(a.latest.size_mm) ? `${fixed(a.latest.size_mm, 1)} mm, ` : "", value: fixed(a.latest.value, 2), limit: fixed(a.latest.limit, 2),
+    })) : null,
     a.text ? h("div", { class: "why", lang: "en" }, a.text) : null,
     h("div", { class: "why" }, [
+      isNumber(a.epoch) ? [t("epoch"), " ", h("a", { href: link("epochs", a.epoch) }, a.epoch), " · "] : null,
       a.until ? [t("until"), " ", moment(a.until), " · "] : null,
+      isNumber(a.acknowledged) ? [word("state", "acknowledged"), " ", moment(a.acknowledged), " · "] : null,
       a.state === "silenced" && a.silenced_until ? [t("silenced_until"), " ", moment(a.silenced_until), " · "] : null,
       a.by ? `${t("by")} ${a.by} · ` : null,
       a.false_alarms_per_month !== undefined && a.false_alarms_per_month !== null ? t("false_alarms", { rate: a.false_alarms_per_month }) : null,

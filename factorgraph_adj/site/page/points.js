@@ -7,7 +7,6 @@ import { alarmItem } from "./overview.js";
 import { link, part, pill } from "./parts.js";
 import { fixedText } from "./plan_view.js";
 import { observationItem } from "./observation.js";
-import { read } from "./api.js";
 import { Table } from "./table.js";
 
 const AXES = ["x", "y", "z"];
@@ -40,6 +39,9 @@ export function points(root, [name], signal) {
   on("points", () => { soon ??= setTimeout(() => { soon = null; if (!signal.aborted) table.draw(); }, 300); }, signal);
 }
 
+// A level without a bound is null: nothing controls the errors of its weakest observations.
+const levelOf = (bound, what) => (bound[`${what}_mm`] === null ? "∞" : mmOf(bound, what));
+
 // -- one point --------------------------------------------------------------------------------
 
 function point(root, name, signal) {
@@ -56,12 +58,16 @@ function point(root, name, signal) {
     fill(now.body, h("p", {}, pill(stateOf(p) === "undetermined" ? "waiting" : "plain", fixedText(p))), figures([
       ...AXES.filter((a) => isNumber(p[a])).map((a) => [`${a} [m]`, [fixed(p[a], 4), isNumber(metres(p, `sigma_${a}`)) ? h("span", { class: "note" }, ` σ ${mmOf(p, `sigma_${a}`, 2)}`) : null], { "data-figure": a }]),
       isNumber(metres(e, "a")) ? [t("ellipse_level", { level: e.level ? `${+(100 * e.level).toPrecision(4)} %` : "" }), `${mmOf(e, "a", 2)} / ${mmOf(e, "b", 2)} / ${fixed(e.azimuth_deg, 0)}°`] : null,
-      bound ? [t("protection", { risk: bound.risk }), t("protection_told", { horizontal: mmOf(bound, "horizontal"), vertical: mmOf(bound, "vertical") })] : null,
+      bound ? [t("protection", { risk: bound.risk }), [t("protection_told", { horizontal: levelOf(bound, "horizontal"), vertical: levelOf(bound, "vertical") }), bound.weakest?.length ? h("div", { class: "note" }, t("protection_weakest", { names: bound.weakest.join(", ") })) : null], { "data-figure": "protection" }] : null,
     ], { class: "figures small" }));
   };
   watch(here("points"), (r) => now.show(r, drawNow), { events: ["arrival", "epoch"], least: 1500, signal });
   on("points", (rows) => { if (rows.some((p) => p.name === name)) drawNow(); }, signal);
-  read(here("protection-levels")).then((rows) => { bound = (rows ?? []).find((b) => b.name === name) ?? null; if (bound && find() && !signal.aborted) drawNow(); }).catch(() => {});
+  watch(here(`protection-levels?points=${encodeURIComponent(name)}`), ({ data }) => {
+    const row = (data?.rows ?? []).find((b) => b.name === name);
+    bound = row ? { ...row, risk: data.risk } : null;
+    if (find()) drawNow();
+  }, { events: ["arrival", "epoch"], least: 10000, signal });
 
   let draw = null, data = null;
   const plot = h("div", { class: "plot", role: "img", "aria-label": t("series_label", { name }) }), motion = h("div"), values = h("details", {}, h("summary", {}, t("series_values")));
@@ -96,33 +102,27 @@ function point(root, name, signal) {
 
 function drawNext(box, found) {
   const sights = found.sights ?? [];
-  fill(box, isNumber(metres(found, "sigma")) ? h("p", {}, t("next_now", { sigma: mmOf(found, "sigma", 2) })) : null,
+  const first = found.figures?.[0], determining = found.determining ?? [];
+  fill(box, isNumber(metres(first, "now")) ? h("p", {}, t("next_now", { error: mmOf(first, "now", 2) })) : null,
     sights.length
-      ? h("ol", { class: "cards" }, sights.map((s, i) => h("li", { class: "card" },
-        h("div", {}, i === 0 ? h("strong", {}, `${t("next_best")}: `) : `${i + 1}. `, kindName(s.kind), s.from ? [" ", h("strong", {}, `${s.from} → ${s.to ?? ""}`)] : null),
-        h("div", { class: "note figure" }, t("next_gain", { sigma: mmOf(s, "sigma_after", 2), gain: fixed(s.gain_percent, 0) })),
-        s.why ? h("div", { class: "note", lang: "en" }, s.why) : null)))
-      : h("p", { class: "note" }, t("next_none")));
+      ? h("ol", { class: "cards" }, sights.map((s, i) => h("li", { class: "card", title: s.sentence },
+        h("div", {}, i === 0 ? h("strong", {}, `${t("next_best")}: `) : `${i + 1}. `, h("strong", {}, s.station && s.target ? `${s.station} → ${s.target}` : s.name)),
+        h("div", { class: "note" }, (s.kinds ?? []).map(kindName).join(", ")),
+        h("div", { class: "note figure" }, t("next_gain", { error: mmOf(s.figures?.[0], "after", 2), gain: fixed(100 * s.gain, 1) })))))
+      : determining.length ? null : h("p", { class: "note" }, t("next_none")),
+    determining.length ? [h("p", {}, t("next_determining")), h("ul", {}, determining.map((what) => h("li", { lang: "en" }, what)))] : null);
 }
 
 function drawMotion(box, s) {
   const m = s.motion;
   if (!m?.times?.length) { box.replaceChildren(); return; }
   const last = m.times.length - 1;
-  const rows = AXES.filter((a) => (m[a] ?? []).length).map((a) => {
-    const v = metresOf(m, `velocity_${a}`, last), sigma = metresOf(m, `sigma_velocity_${a}`, last);
-    return [t("velocity", { axis: a }), [`${fixed(1000 * v, 3)} ± ${fixed(1000 * sigma, 3)} mm/d`, h("span", { class: "note" }, ` ${t(Math.abs(v) > 3 * sigma ? "velocity_significant" : "velocity_none")}`)]];
+  const rows = AXES.filter((a) => (m[`velocity_${a}_mm_per_day`] ?? []).some(isNumber)).map((a) => {
+    const v = m[`velocity_${a}_mm_per_day`][last], sigma = m[`sigma_velocity_${a}_mm_per_day`]?.[last];
+    return [t("velocity", { axis: a }), [`${fixed(v, 3)} ± ${fixed(sigma, 3)} mm/d`, h("span", { class: "note" }, ` ${t(Math.abs(v) > 3 * sigma ? "velocity_significant" : "velocity_none")}`)]];
   });
   fill(box, rows.length ? figures(rows, { class: "figures small" }) : null);
 }
-const metresOf = (record, name, i) => {
-  for (const [unit, size] of [["mm_per_day", 1e-3], ["m_per_day", 1], ["mm_per_year", 1e-3 / 365.25]]) {
-    const found = record[`${name}_${unit}`]?.[i];
-    if (isNumber(found)) return found * size;
-  }
-  return NaN;
-};
-
 function drawValues(box, s) {
   const rows = s.times.map((time, i) => ({ time, epoch: s.epochs?.[i], i }));
   const columns = [
@@ -133,6 +133,7 @@ function drawValues(box, s) {
       return [
         { title: `${a} [m]`, number: true, value: (r) => s[a][r.i] ?? NaN, text: (r) => fixed(s[a][r.i], 4) },
         { title: `σ ${a} [mm]`, number: true, value: (r) => (sigma[r.i] ?? NaN) * 1000, text: (r) => fixed((sigma[r.i] ?? NaN) * 1000, 2) },
+        { title: `Δ${a} [mm]`, number: true, value: (r) => s[`d${a}_mm`]?.[r.i] ?? NaN, text: (r) => fixed(s[`d${a}_mm`]?.[r.i], 2) },
       ];
     }),
   ];
@@ -140,28 +141,46 @@ function drawValues(box, s) {
   box.replaceChildren(box.firstChild, table.node);
 }
 
-// Coordinates less their first value, in mm: σ band, what can be detected, the motion and alarms.
+// Displacements from the reference epoch in mm: σ band, what can be detected, the motion and alarms.
+// The reference is the epoch before the first displacement; epochs that are not compared, and those
+// of a site that compares nothing, show their coordinates less those of the reference.
+function displacementsOf(s, a) {
+  const moved = s[`d${a}_mm`] ?? [], first = moved.findIndex(isNumber);
+  const known = s[a].map((v, i) => (isNumber(v) ? i : -1)).filter((i) => i >= 0);
+  const base = s[a][known.filter((i) => i < first).at(-1) ?? known[0]];
+  const sigma = seriesOfMetres(s, `sigma_${a}`), ofMoved = seriesOfMetres(s, `sigma_d${a}`);
+  return {
+    off: s[a].map((v, i) => (isNumber(moved[i]) ? moved[i] : isNumber(v) ? 1000 * (v - base) : null)),
+    sigma: s[a].map((_, i) => 1000 * (isNumber(moved[i]) ? ofMoved[i] : sigma[i] ?? NaN)),
+  };
+}
+
 function seriesFigure(s) {
   const shown = AXES.filter((a) => (s[a] ?? []).some(isNumber)), times = s.times.map(local), data = [], layout = { shapes: [], annotations: [], margin: { l: 55, r: 12, t: 8, b: 40 } };
   const gap = 0.05, high = (1 - gap * (shown.length - 1)) / shown.length;
+  const ofAlarm = seriesOfMetres(s, "alarm_detectable"), detectable = ofAlarm.some(isNumber) ? ofAlarm : seriesOfMetres(s, "detectable");
   shown.forEach((a, row) => {
-    const y = row ? `y${row + 1}` : "y", base = s[a].find(isNumber), off = s[a].map((v) => (isNumber(v) ? 1000 * (v - base) : null));
-    const sigma = seriesOfMetres(s, `sigma_${a}`), detectable = seriesOfMetres(s, `detectable_${a}`), legend = row === 0;
-    const edge = (sign) => off.map((v, i) => (v === null || !isNumber(sigma[i]) ? null : v + sign * 1000 * sigma[i]));
+    const y = row ? `y${row + 1}` : "y", { off, sigma } = displacementsOf(s, a), legend = row === 0;
+    const edge = (sign) => off.map((v, i) => (v === null || !isNumber(sigma[i]) ? null : v + sign * sigma[i]));
     const common = { type: "scatter", xaxis: "x", yaxis: y, x: times };
     data.push({ ...common, y: edge(-1), mode: "lines", line: { width: 0 }, hoverinfo: "skip", showlegend: false },
       { ...common, y: edge(1), mode: "lines", line: { width: 0 }, fill: "tonexty", fillcolor: "rgba(0,114,178,0.28)", hoverinfo: "skip", name: t("band_sigma"), legendgroup: "s", showlegend: legend });
     if (detectable.some(isNumber)) for (const sign of [-1, 1])
       data.push({ ...common, y: detectable.map((d) => (isNumber(d) ? sign * 1000 * d : null)), mode: "lines", line: { color: colour("doubt"), width: 1.4, dash: "dash" }, hoverinfo: "skip", name: t("band_detectable"), legendgroup: "d", showlegend: legend && sign > 0 });
-    if (s.motion?.[a]?.length)
-      data.push({ ...common, x: s.motion.times.map(local), y: s.motion[a].map((v) => (isNumber(v) ? 1000 * (v - base) : null)), mode: "lines", line: { color: colour("sight2"), width: 2, dash: "dot" }, hoverinfo: "skip", name: t("motion_model"), legendgroup: "m", showlegend: legend });
-    data.push({ ...common, y: off, mode: "lines+markers", line: { color: colour("held"), width: 1.5 }, marker: { size: 5 }, name: t("coordinate"), legendgroup: "v", showlegend: legend, text: s.times.map((time, i) => `${t("epoch")} ${s.epochs?.[i] ?? ""}: ${fixed(off[i], 2)} mm`), hoverinfo: "text+x" });
+    const motion = s.motion?.[`displacement_${a}_mm`] ?? [];
+    if (motion.some(isNumber))
+      data.push({ ...common, x: s.motion.times.map(local), y: motion, mode: "lines", line: { color: colour("sight2"), width: 2, dash: "dot" }, hoverinfo: "skip", name: t("motion_model"), legendgroup: "m", showlegend: legend });
+    data.push({ ...common, y: off, mode: "lines+markers", line: { color: colour("held"), width: 1.5 }, marker: { size: 5 }, name: t("displacement"), legendgroup: "v", showlegend: legend, text: s.times.map((time, i) => `${t("epoch")} ${s.epochs?.[i] ?? ""}: ${fixed(off[i], 2)} mm`), hoverinfo: "text+x" });
     const top = 1 - row * (high + gap);
     layout[`yaxis${row ? row + 1 : ""}`] = axis({ domain: [Math.max(top - high, 0), top], title: { text: `Δ${a} [mm]` } });
   });
+  // The first of consecutive epochs that exceed a limit has the name of the rule.
+  const before = new Map();
   for (const alarm of s.alarms ?? []) {
-    layout.shapes.push({ type: "line", x0: local(alarm.time), x1: local(alarm.time), yref: "paper", y0: 0, y1: 1, line: { color: colour("doubt"), width: 2 } });
-    layout.annotations.push({ x: local(alarm.time), yref: "paper", y: 1, yanchor: "bottom", xanchor: "right", showarrow: false, text: `⚠ ${plain(alarm.rule)}`, font: { color: colour("doubt") } });
+    layout.shapes.push({ type: "line", x0: local(alarm.time), x1: local(alarm.time), yref: "paper", y0: 0, y1: 1, line: { color: colour("doubt"), width: 1.5, dash: "dot" } });
+    const at = s.epochs.indexOf(alarm.epoch);
+    if (before.get(alarm.rule) !== at - 1 || at < 0) layout.annotations.push({ x: local(alarm.time), yref: "paper", y: 1, yanchor: "bottom", xanchor: "right", showarrow: false, text: `⚠ ${plain(alarm.rule)}`, font: { color: colour("doubt") } });
+    before.set(alarm.rule, at);
     layout.margin.t = 24;
   }
   layout.xaxis = axis({ anchor: shown.length > 1 ? `y${shown.length}` : "y", type: "date" });

@@ -1,5 +1,5 @@
 // The light of a network: ok, doubts, alarm or unknown, each with its reasons in sentences.
-import { fixed, stamp, t, word } from "./language.js";
+import { fixed, isNumber, stamp, t, word } from "./language.js";
 import { connection, context, errorOf, here, peek } from "./live.js";
 
 export const ALARMS = "alarms?state=standing", INSTRUMENTS = "instruments";
@@ -12,8 +12,14 @@ export const alarmsOf = (alarms) => (alarms ?? []).filter((a) => ofNetwork(a) &&
 export const instrumentsOf = (found) => (found ?? []).filter(ofNetwork);
 
 export function alarmSentence(a) {
-  const size = a.value === undefined || a.value === null ? "" :
-    ` (${fixed(a.value, 2)} ${a.unit ?? ""}${a.limit === undefined || a.limit === null ? "" : `, ${t("limit")} ${fixed(a.limit, 2)} ${a.unit ?? ""}`})`;
+  // The size of a displacement in mm; values of tests have no unit, those of silence have seconds.
+  const figure = (v) => `${fixed(v, a.unit ? 0 : 2)}${a.unit ? ` ${a.unit}` : ""}`;
+  const told = [
+    isNumber(a.size_mm) ? `${fixed(a.size_mm, 1)} mm` : null,
+    isNumber(a.value) ? `${a.unit ? "" : `${t("test_value")} `}${figure(a.value)}` : null,
+    isNumber(a.limit) ? `${t("limit")} ${figure(a.limit)}` : null,
+  ].filter(Boolean);
+  const size = told.length ? ` (${told.join(", ")})` : "";
   return t("alarm_sentence", {
     rule: a.rule, test: word("test", a.test), since: stamp(a.since),
     points: a.points?.length ? a.points.join(", ") : a.instrument ?? t("whole_network"),
@@ -38,7 +44,7 @@ export function light() {
   if (low !== undefined && sigma0 !== null && (sigma0 < low || sigma0 > high))
     reasons.push(t(sigma0 > high ? "light_sigma0_high" : "light_sigma0_low", { sigma0: fixed(sigma0, 2), low: fixed(low, 2), high: fixed(high, 2) }));
   for (const i of instrumentsOf(instruments))
-    if (i.state !== "receiving" && i.state !== "stopped") reasons.push(t("light_instrument", { name: i.name, state: word("state", i.state), last: stamp(i.last_message) }));
+    if (i.state !== "ok" && i.state !== "stopped") reasons.push(t("light_instrument", { name: i.name, state: word("state", i.state), last: stamp(i.last_message) }));
   if (reasons.length) return { state: "doubts", reasons };
   const own = instrumentsOf(instruments);
   return { state: "ok", reasons: [[

@@ -17,7 +17,7 @@ const SHAPES = {
   dash: [["circle", { cx: 12, cy: 12, r: 10 }], ["path", { d: "M7 12h10", "data-cut": 1 }]],
 };
 export const SHAPE_OF = {
-  ok: "tick", receiving: "tick", connecting: "octagon", starting: "dots", accepted: "tick", stable: "tick", closed: "tick",
+  ok: "tick", faulty: "octagon", accepted: "tick", stable: "tick", closed: "tick",
   doubts: "triangle", suspect: "question", silent: "triangle", acknowledged: "triangle", silenced: "triangle", again: "triangle",
   alarm: "octagon", rejected: "octagon", open: "octagon", moved: "octagon", refused: "octagon",
   unknown: "question", waiting: "dots", stopped: "dash", gone: "dash", plain: "dash",
