@@ -108,14 +108,9 @@ def application(site: CannedSite, *, tokens: bool) -> Any:
 
     async def alarm(request: Any) -> Any:
         what, body = request.path_params["what"], await request.json()
-        found = next(a for a in site.alarms if a["id"] == request.path_params["id"])
-        found["by"] = role(request)
-        if what == "acknowledge":
-            found["state"] = "acknowledged"
-        else:
-            found |= {"state": "silenced", "silenced_until": time() + 3600 * body["hours"]}
-        site.tell("alarm", found["network"], alarm=found)
-        return found
+        return site.decide_alarm(
+            int(request.path_params["id"]), what, role(request) or "", body.get("hours", 0.0)
+        )
 
     def alarms(request: Any) -> Any:
         point = request.query_params.get("point")
@@ -155,25 +150,24 @@ def application(site: CannedSite, *, tokens: bool) -> Any:
 
     def components(request: Any) -> Any:
         return [
-            {"epoch": e["number"], "time": e["end"] or time(), "sigma0": e["sigma0"]}
+            {"epoch": e["number"], "time": e["time"], "sigma0": e["sigma0"]}
             | {
+                "redundancy": e["redundancy"],
                 "groups": [
                     {"name": n, "component": e["sigma0"] * f, "n": 40, "redundancy": 25}
-                    for n, f in (("slope distance", 0.9), ("direction", 1.1), ("zenith angle", 1))
-                ]
+                    for n, f in (("slope_distance", 0.9), ("direction", 1.1), ("zenith_angle", 1))
+                ],
             }
             for e in net(request).epochs
+            if e["state"] == "closed"
         ]
 
     def next_sights(request: Any) -> Any:
-        target = request.query_params["target"]
-        return {"target": target, "sigma_mm": 1.8, "milliseconds": 12} | {
-            "sights": [
-                {"kind": k, "from": s, "to": target, "sigma_after_mm": 1.8 * (1 - g / 100)}
-                | {"gain_percent": g, "why": "crosses the long axis of the ellipse"}
-                for k, s, g in (("slope_distance", "P2", 31), ("direction", "P3", 18))
-            ]
-        }
+        return site.next_sights(request.query_params["target"])
+
+    def levels(request: Any) -> Any:
+        wanted = [n for n in request.query_params.get("points", "").split(",") if n]
+        return site.protection_levels(net(request).name, wanted)
 
     async def events(request: Any) -> Any:
         network = request.query_params.get("network")
@@ -247,14 +241,7 @@ def application(site: CannedSite, *, tokens: bool) -> Any:
         route(f"{n}/series", lambda r: [site.series(net(r).name, r.query_params["points"])]),
         route(f"{n}/variance-components", components),
         route(f"{n}/next-sights", next_sights),
-        route(
-            f"{n}/protection-levels",
-            lambda r: [
-                {"name": p["name"], "horizontal_mm": 7.1, "vertical_mm": 9.3, "risk": 1e-3}
-                for p in net(r).points
-                if not p["fixed"]
-            ],
-        ),
+        route(f"{n}/protection-levels", levels),
         route(f"{n}/events", lambda r: site.after(max(len(site.log) - 100, 0), net(r).name)),
         route("events", events),
         route("instruments", lambda r: site.instruments),

@@ -18,6 +18,8 @@ Record = dict[str, Any]
 CRITICAL = 3.29
 DAY = 86400.0
 AXES = "xyz"
+STATES = {"receiving": "ok", "silent": "silent", "stopped": "stopped"}
+"""States of instruments by those of their connections; any other is faulty."""
 UNITS = {"length": "m", "angle": "gon", "sigma_length": "mm", "sigma_angle": "mgon"}
 
 
@@ -108,9 +110,11 @@ def _epochs(points: list[Record], n: int, now: float) -> list[Record]:
         last = k == n - 1
         moved = ["D3", "D4"] if k >= n - 3 and not last else []
         moved = [p for p in moved if any(q["name"] == p for q in points)]
-        tested = None if k == 0 or last else {"test": 1.4 if moved else 0.6, "critical": 1.0}
-        if tested is not None:
-            tested |= {"outcome": "moved" if moved else "congruent", "moved": moved}
+        tested: Record | None = None
+        if k > 0 and not last:
+            tested = {"test": 0.6, "critical": 1.0, "outcome": "congruent", "moved": moved}
+            if k == 4:
+                tested |= {"test": 1.4, "outcome": "changed"}
         out.append(
             {
                 "number": k,
@@ -120,6 +124,8 @@ def _epochs(points: list[Record], n: int, now: float) -> list[Record]:
                 "revision": 2 if k == 2 else 1,
                 "sigma0": 1 + 0.08 * math.sin(k),
                 "redundancy": 120 + k,
+                "problem": "",
+                "time": begin + DAY / 8,
                 "congruence": tested,
             }
         )
@@ -268,8 +274,8 @@ class CannedSite:
         self.causes: Record = {"most_probable": None, "undecided": [], "causes": []}
         self.alarms: list[Record] = []
         self.instruments = [
-            instrument("ts1", "small", "receiving", now - 2),
-            instrument("level", "small", "receiving", now - 40),
+            instrument("ts1", "small", "ok", now - 2),
+            instrument("level", "small", "ok", now - 40),
             instrument("ts2", "tunnel", "silent", now - 4000),
         ]
         self.instruments[2]["problem"] = "no line for 66 min; connection refused by 10.0.0.12:4001"
@@ -317,29 +323,47 @@ class CannedSite:
     def raise_alarm(self, rule: str = "crest", **more: Any) -> Record:
         """Raise an alarm."""
         alarm = {
-            "id": f"a{len(self.alarms) + 1}",
+            "id": len(self.alarms) + 1,
             "rule": rule,
             "network": "small",
             "test": "displacement",
-            "points": ["D3", "D4"],
+            "points": ["D3"],
             "state": "open",
             "since": time() - 60,
             "until": None,
-            "value": 12.31,
-            "limit": 8.4,
-            "unit": "mm",
+            "value": 31.25,
+            "limit": 25.56,
+            "size_mm": 12.31,
             "epoch": 10,
-            "text": "2 of the last 3 epochs exceed the critical value",
+            "text": "crest: D3 lies 12.3 mm from its place of reference",
             "false_alarms_per_month": 0.1,
+            "by": None,
+            "acknowledged": None,
+            "silenced_until": None,
         } | more
         self.alarms.append(alarm)
         self.tell("alarm", alarm["network"], alarm=alarm)
         return alarm
 
-    def fail_instrument(self, name: str, state: str, problem: str | None) -> None:
-        """Change the health of an instrument."""
+    def decide_alarm(self, number: int, what: str, by: str, hours: float = 0.0) -> Record:
+        """Acknowledge or silence an alarm; one that is silent stays so when it is acknowledged."""
+        found = next(a for a in self.alarms if a["id"] == number)
+        found["by"] = by
+        if what == "acknowledge":
+            found["acknowledged"] = time()
+        else:
+            found["silenced_until"] = time() + 3600 * hours
+        silent = (found["silenced_until"] or 0.0) > time()
+        known = "open" if found["acknowledged"] is None else "acknowledged"
+        found["state"] = "silenced" if silent else known
+        self.tell("alarm", found["network"], alarm=found)
+        return found
+
+    def fail_instrument(self, name: str, connection: str, problem: str | None) -> None:
+        """Change the health of an instrument, by the state of its connection."""
         found = next(i for i in self.instruments if i["name"] == name)
-        found |= {"state": state, "problem": problem}
+        found |= {"connection": connection, "problem": problem}
+        found["state"] = STATES.get(connection, "faulty")
         self.tell("instrument", found["network"], instrument=found)
 
     def add_photo(self, network: str, name: str, at: tuple[float, float, float]) -> None:
@@ -405,7 +429,8 @@ class CannedSite:
         last |= {"end": now, "state": "closed"}
         last["congruence"] = {"test": 0.7, "critical": 1.0, "outcome": "congruent", "moved": []}
         begun = {"number": last["number"] + 1, "begin": now, "end": None, "state": "open"}
-        net.epochs.append(last | begun | {"revision": 1, "congruence": None})
+        begun |= {"sigma0": None, "redundancy": None, "time": None}
+        net.epochs.append(last | begun | {"revision": 0, "congruence": None})
         self.tell("epoch", network, epoch=last["number"], what="closed")
 
     # -- what is computed for the page ------------------------------------------------------------
@@ -427,10 +452,9 @@ class CannedSite:
                 {"name": p["name"], **d}
                 | {f"sigma_d{a}_mm": 1.1 for a in AXES}
                 | {"T": 6.2 if p["name"] in moved else 0.8, "critical": 3.8}
-                | {"moved": p["name"] in moved, "detectable_mm": 4.4}
+                | {"moved": p["name"] in moved, "detectable_mm": 4.4, "alarm_detectable_mm": 5.1}
             )
         blocks = [{"points": moved, "translation_mm": [9.1, 8.8, 9.4], "moved": True}]
-        blocks[0]["rotation_mgon"] = 1.2
         return found | {
             "points": net.points[:200],
             "displacements": rows,
@@ -447,17 +471,59 @@ class CannedSite:
         epochs = [e for e in net.epochs if e["state"] == "closed"] if p["determined"] else []
         n, creep = len(epochs), 6e-4 if name == "D3" else 0.0
         out: Record = {"name": name, "epochs": [e["number"] for e in epochs]}
-        out["times"] = [e["end"] for e in epochs]
-        motion: Record = {"times": out["times"]}
+        out["times"] = [e["time"] for e in epochs]
+        motion: Record = {"times": out["times"][1:]}
         for a in AXES:
             out[a] = [p[a] + creep * k + draw.gauss(0, 6e-4) for k in range(n)]
-            out[f"sigma_{a}_mm"], out[f"detectable_{a}_mm"] = [0.6] * n, [2.6] * n
-            motion[a] = [p[a] + creep * k for k in range(n)]
-            motion[f"velocity_{a}_mm_per_day"] = [4e3 * creep] * n
-            motion[f"sigma_velocity_{a}_mm_per_day"] = [0.3] * n
+            out[f"sigma_{a}_mm"] = [0.6] * n
+            of_epochs = [1e3 * (x - out[a][0]) for x in out[a][1:]]
+            out[f"d{a}_mm"], out[f"sigma_d{a}_mm"] = [None, *of_epochs], [None, *[0.8] * (n - 1)]
+            motion[f"displacement_{a}_mm"] = [1e3 * creep * k for k in range(1, n)]
+            motion[f"velocity_{a}_mm_per_day"] = [4e3 * creep] * (n - 1)
+            motion[f"sigma_velocity_{a}_mm_per_day"] = [0.3] * (n - 1)
+        out["detectable_mm"] = [None, *[2.6] * (n - 1)]
+        out["alarm_detectable_mm"] = [None, *[3.1] * (n - 1)]
         alarms = [a for a in self.alarms if name in a["points"]]
-        told = [{"id": a["id"], "rule": a["rule"], "time": a["since"], "text": ""} for a in alarms]
+        told = [
+            {"rule": a["rule"], "epoch": e["number"], "time": e["time"]}
+            for a in alarms
+            for e in epochs
+            if e["number"] >= a["epoch"] - 1
+        ]
         return out | {"motion": motion, "alarms": told}
+
+    def next_sights(self, target: str) -> Record:
+        """Return the sights that would improve a point most."""
+        what = {"item": target, "what": "position error"}
+        sights = [
+            {
+                "sentence": f"aim at {target} from {station}",
+                "name": f"{station} to {target}",
+                "station": station,
+                "target": target,
+                "kinds": ["direction", "slope_distance"],
+                "gain": gain,
+                "cost": 1.0,
+                "incomplete": False,
+                "figures": [what | {"before_mm": 1.8, "after_mm": 1.8 * (1 - gain)}],
+            }
+            for station, gain in (("P2", 0.31), ("P3", 0.18))
+        ]
+        figures = [what | {"now_mm": 1.8}]
+        return {"ok": True, "examined": 9, "figures": figures, "sights": sights} | {
+            "determining": []
+        }
+
+    def protection_levels(self, network: str, wanted: list[str]) -> Record:
+        """Return bounds of the errors of points; nothing controls those of D4."""
+        rows = [
+            {"name": p["name"], "weakest": [f"slope_distance P1 {p['name']} (id s0)"]}
+            | {"horizontal_mm": 7.1, "space_mm": 10.4}
+            | {"vertical_mm": None if p["name"] == "D4" else 9.3}
+            for p in self.networks[network].points
+            if not p["fixed"] and p["determined"] and (not wanted or p["name"] in wanted)
+        ]
+        return {"risk": 1e-3, "faults": 2, "accepted": True, "rows": rows}
 
 
 def without(answer: Record) -> Record:
@@ -471,11 +537,14 @@ def instrument(name: str, network: str, state: str, last: float) -> Record:
         "name": name,
         "network": network,
         "state": state,
+        "connection": "receiving" if state == "ok" else state,
         "last_message": last,
         "lines": 41_233,
+        "messages": 41_233,
         "readings": 41_100,
         "refused": 2,
         "clock_offset": -0.4,
+        "clock_offset_s": -0.4,
         "gaps": 1,
         "late": 0,
         "problem": "",

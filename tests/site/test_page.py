@@ -130,7 +130,8 @@ def test_the_light_says_why(browser, server):
         site.fail_instrument("ts1", "connecting", "connection refused")
         v.sees(".light.doubts", "ts1")
         site.raise_alarm()
-        v.sees(".light.alarm", "crest: displacement of D3, D4")
+        v.sees(".light.alarm", "crest: displacement of D3 since")
+        v.sees(".light.alarm", "12.3 mm, test value 31.25, limit 25.56")
         assert v.page.title().startswith("⚠")
         assert v.page.evaluate(UNCOVERED) == []
         v.holds("() => /crest/.test(document.getElementById('say-alarm').textContent)")
@@ -152,6 +153,14 @@ def test_what_could_not_be_read_makes_no_green_light(browser, server):
         v.sees(".light.ok", "no rules for alarms")
 
 
+def test_problems_of_the_service_are_told(browser, server):
+    server.site.tell("problem", None, what="a message to chief@example.org is given up")
+    with visit(browser, server) as v:
+        v.sees("#problems li", "given up")
+        server.site.tell("problem", None, what="https://example.org/hook answers 500")
+        v.sees("#problems li:first-child", "answers 500")
+
+
 def test_alarms_are_acknowledged_and_silenced(browser, server):
     alarm = server.site.raise_alarm()
     with visit(browser, server) as v:
@@ -164,9 +173,15 @@ def test_alarms_are_acknowledged_and_silenced(browser, server):
         v.sees("[data-alarm] .pill.silenced")
         assert alarm["state"] == "silenced"
         v.press("Acknowledge", within="#alarms")
-        v.sees("[data-alarm] .pill.acknowledged")
+        v.sees("[data-alarm] .why", "acknowledged")  # and still silent
+        v.sees(".light.doubts", "Silenced, still standing")
+        assert alarm["acknowledged"] and alarm["state"] == "silenced"
+        other = server.site.raise_alarm("wall")
+        mine = f"[data-alarm='{other['id']}']"
+        v.press("Acknowledge", within=mine)
+        v.sees(f"{mine} .pill.acknowledged")
         v.sees(".light.doubts", "Acknowledged, still standing")
-        assert alarm["state"] == "acknowledged"
+        assert v.page.locator(mine).get_by_role("button", name="Acknowledge").count() == 0
         assert v.complaints == []
 
 
@@ -379,14 +394,18 @@ def test_the_page_of_a_point_has_all_of_it(browser, server):
     row = site.arrive(target="D3")
     with visit(browser, server, at="#/small/points/D3") as v:
         v.sees("#view", "Protection level, risk 0.001")
-        v.sees("#view", "P2 → D3")
+        v.sees("[data-figure=protection] dd", "horizontal 7.1 mm, vertical 9.3 mm")
+        v.sees("#view", "least controlled: slope_distance P1 D3")
+        v.sees("#view", "Error of position now 1.80 mm")
+        v.sees("#view li", "P2 → D3")
+        v.sees("#view li", "then 1.24 mm, gain 31.0 %")
         v.sees("[data-alarm]", "crest")
         v.sees(f"[data-id={row['id']}]")
         v.page.wait_for_selector(".plot[data-made]")
         names = (
             "() => document.querySelector('.plot').data.filter(t => t.showlegend).map(t => t.name)"
         )
-        wanted = {"± σ", "detectable displacement", "motion model", "coordinate"}
+        wanted = {"± σ", "detectable displacement", "motion model", "displacement"}
         assert set(v.page.evaluate(names)) == wanted
         assert "crest" in v.page.evaluate(
             "document.querySelector('.plot').layout.annotations[0].text"
@@ -400,6 +419,8 @@ def test_the_page_of_a_point_has_all_of_it(browser, server):
         v.holds("old => document.querySelector('[data-figure=x] dd').textContent !== old", before)
         v.go("points/nobody")
         v.sees("#view .problem", "no point nobody")
+        v.go("points/D4")
+        v.sees("[data-figure=protection] dd", "vertical ∞")  # nothing controls it
         v.go("points/D9")
         v.sees("#view", "undetermined")
         assert v.complaints == []
@@ -410,6 +431,7 @@ def test_epochs_are_opened_and_ended(browser, server):
         v.go("epochs")
         v.sees("tr[data-name='10'] .pill.moved", "2 points moved")
         v.sees("tr[data-name='8'] .pill.stable")
+        v.sees("tr[data-name='4'] .pill.moved", "shape changed")
         v.page.wait_for_selector(".plot[data-made]")
         assert len(v.page.evaluate("document.querySelector('.plot').data.map(t => t.name)")) == 4
         v.press("End the present epoch")
@@ -417,7 +439,7 @@ def test_epochs_are_opened_and_ended(browser, server):
         v.sees("tr[data-name='12']")
         assert server.site.networks["small"].epochs[-1]["number"] == 12
         v.page.locator("tr[data-name='10'] a").first.click()
-        v.sees("#view", "Not congruent with epoch 0")
+        v.sees("#view", "The reference points are congruent with epoch 0")
         v.sees("#view", "Block 1")
         v.sees("tr[data-name=D3] .pill.moved")
         v.page.locator("tr[data-name=D3] a").click()
@@ -427,13 +449,13 @@ def test_epochs_are_opened_and_ended(browser, server):
 def test_instruments_show_their_health(browser, server):
     with visit(browser, server) as v:
         v.go("instruments")
-        v.sees("[data-instrument=ts1] .pill.receiving")
+        v.sees("[data-instrument=ts1] .pill.ok")
         v.sees("[data-instrument=ts1]", "Refused lines")
         assert "Late" not in v.text("[data-instrument=ts1]")  # what has not happened
         v.page.locator("[data-instrument=ts1] summary").click()
         v.sees("[data-instrument=ts1] li", "no line for 61 s")
         server.site.fail_instrument("ts1", "connecting", "connection refused by 10.0.0.12:4001")
-        v.sees("[data-instrument=ts1] .pill.connecting", "no connection")
+        v.sees("[data-instrument=ts1] .pill.faulty", "no connection")
         v.sees("[data-instrument=ts1] .problem", "connection refused")
         assert v.page.locator("[data-instrument=ts2]").count() == 0  # of another network
 

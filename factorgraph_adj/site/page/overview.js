@@ -13,7 +13,7 @@ export function overview(root, _, signal) {
   const lamp = h("section", { class: "light unknown", "aria-label": t("light") });
   const numbers = part(t("figures")), alarms = part(t("alarms"), { id: "alarms" }), health = part(t("instruments"));
   const problems = h("section", { id: "problems" });
-  root.append(lamp, h("div", { class: "two" }, h("div", {}, numbers.node, health.node), h("div", {}, alarms.node, problems)));
+  root.append(lamp, h("div", { class: "two" }, h("div", {}, numbers.node), h("div", {}, alarms.node, problems, health.node)));
 
   const shine = () => {
     const { state, reasons } = light();

@@ -58,8 +58,8 @@ function point(root, name, signal) {
     fill(now.body, h("p", {}, pill(stateOf(p) === "undetermined" ? "waiting" : "plain", fixedText(p))), figures([
       ...AXES.filter((a) => isNumber(p[a])).map((a) => [`${a} [m]`, [fixed(p[a], 4), isNumber(metres(p, `sigma_${a}`)) ? h("span", { class: "note" }, ` σ ${mmOf(p, `sigma_${a}`, 2)}`) : null], { "data-figure": a }]),
       isNumber(metres(e, "a")) ? [t("ellipse_level", { level: e.level ? `${+(100 * e.level).toPrecision(4)} %` : "" }), `${mmOf(e, "a", 2)} / ${mmOf(e, "b", 2)} / ${fixed(e.azimuth_deg, 0)}°`] : null,
-      bound ? [t("protection", { risk: bound.risk }), [t("protection_told", { horizontal: levelOf(bound, "horizontal"), vertical: levelOf(bound, "vertical") }), bound.weakest?.length ? h("div", { class: "note" }, t("protection_weakest", { names: bound.weakest.join(", ") })) : null], { "data-figure": "protection" }] : null,
-    ], { class: "figures small" }));
+      bound ? [t("protection", { risk: bound.risk }), t("protection_told", { horizontal: levelOf(bound, "horizontal"), vertical: levelOf(bound, "vertical") }), { "data-figure": "protection" }] : null,
+    ], { class: "figures small" }), bound?.weakest?.length ? h("p", { class: "note" }, t("protection_weakest", { names: bound.weakest.join(", ") })) : null);
   };
   watch(here("points"), (r) => now.show(r, drawNow), { events: ["arrival", "epoch"], least: 1500, signal });
   on("points", (rows) => { if (rows.some((p) => p.name === name)) drawNow(); }, signal);
