@@ -19,14 +19,14 @@ from factorgraph_adj.site.site_file import read_site
 from tests.networks.yard import ARRIVALS, WRONG
 from tests.site.browsers import PHONE, visit
 from tests.support.pages import chromium
-from tests.support.sites import ADDRESS, yard_site
+from tests.support.sites import ADDRESS, ALARM, readings, yard_site
 
 
 class YardServer:
     """The yard, served on a port; it can be stopped and started again."""
 
-    def __init__(self, folder) -> None:
-        self.folder = yard_site(folder)
+    def __init__(self, folder, **options: str) -> None:
+        self.folder = yard_site(folder, **options)
         with socket.socket() as probe:
             probe.bind(("127.0.0.1", 0))
             self.port = probe.getsockname()[1]
@@ -75,6 +75,17 @@ def browser():
 @pytest.fixture
 def yard(tmp_path):
     made = YardServer(tmp_path)
+    yield made
+    made.stop()
+
+
+@pytest.fixture(scope="module")
+def watched(tmp_path_factory):
+    """Six epochs of an hour that are compared; C rises by 10 mm in the fifth and stays there."""
+    made = YardServer(tmp_path_factory.mktemp("watched"), epochs="1 h", more=ALARM)
+    for hour in range(6):
+        answers = made.post(*readings(hour, 0.01 if hour >= 4 else 0.0))
+        assert all(a["ok"] for a in answers), answers
     yield made
     made.stop()
 
@@ -164,3 +175,59 @@ def test_a_service_that_was_away_is_caught_up_with(browser, yard):
         v.sees(f"[data-id='{answer['id']}'][data-verdict=rejected]")
         v.page.wait_for_selector(".banner", state="hidden")
         assert v.page.locator("#view li.accepted").count() == before
+
+
+def test_a_displacement_is_seen_in_its_epoch_and_in_the_series(browser, watched):
+    with visit(browser, watched) as v:
+        v.sees(".light.alarm", "wall: displacement of C since")
+        _go(v, "epochs")
+        v.sees("tr[data-name='5'] .pill.moved", "one point moved")
+        v.sees("tr[data-name='4'] .pill.stable")
+        v.page.wait_for_selector(".plot[data-made]")
+        names = v.page.evaluate("document.querySelector('.plot').data.map(t => t.name)")
+        assert sorted(names) == ["direction", "height difference", "slope distance", "σ̂0"]
+        v.page.locator("tr[data-name='5'] a").first.click()
+        v.sees("tr[data-name=C] .pill.moved")
+        v.sees("caption", "Displacements against epoch 1")
+        dz = float(v.page.locator("tr[data-name=C] td").nth(3).inner_text())
+        assert 8.0 < dz < 12.0
+        _go(v, "points/C")
+        v.page.wait_for_selector(".plot[data-made]")
+        shown = v.page.evaluate("document.querySelector('.plot').data.map(t => t.name)")
+        parts = {"± σ", "detectable displacement", "motion model", "displacement"}
+        assert parts <= set(shown)
+        script = """document.querySelector('.plot').data
+          .filter(t => t.name === 'displacement' && t.yaxis === 'y3')[0].y"""
+        shift = [z for z in v.page.evaluate(script) if z is not None]
+        assert shift[-1] == pytest.approx(dz, abs=0.01) and abs(shift[-2]) < 3.0
+        labels = "document.querySelector('.plot').layout.annotations.map(a => a.text)"
+        assert v.page.evaluate(labels) == ["⚠ wall"]
+        v.sees("#view", "Velocity z")
+        assert v.complaints == []
+
+
+def test_next_sights_and_protection_levels_of_a_point_are_shown(browser, watched):
+    with visit(browser, watched, at="#/yard/points/C") as v:
+        v.sees("[data-figure=protection] dd", " mm")
+        v.sees("#view", "Protection level, least controlled")
+        v.sees("#view", "Error of position now")
+        v.sees("#view li.card", "→")
+        v.sees("#view li.card", "gain")
+        assert v.complaints == []
+
+
+def test_an_alarm_of_the_service_is_acknowledged_and_silenced(browser, watched):
+    with visit(browser, watched) as one, visit(browser, watched, size=PHONE) as two:
+        one.sees("[data-alarm] .pill.open")
+        one.sees("[data-alarm]", "stated rate 0.01 false alarms a month")
+        one.press("Acknowledge", within="#alarms")
+        for v in (one, two):
+            v.sees("[data-alarm] .pill.acknowledged")
+            v.sees(".light.doubts", "Acknowledged, still standing")
+        two.press("Silence", within="#alarms")
+        two.page.locator("dialog input").fill("2.5")
+        two.press("Silence", within="dialog")
+        for v in (one, two):
+            v.sees("[data-alarm] .pill.silenced")
+            v.sees("[data-alarm] .why", "by loopback")
+        assert one.complaints == two.complaints == []

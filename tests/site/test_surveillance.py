@@ -2,56 +2,11 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.site.alarm_tables import SilenceRule, read_alarms
-from tests.support.sites import ADDRESS, served, yard_of
-
-HOUR = 3600.0
-BEGIN = 1_700_002_800.0
-ALARM = """
-[[alarm]]
-name = "wall"
-points = ["C"]
-false_alarms_per_month = 0.01
-notify = ["mailto:chief@example.org"]
-"""
-
-
-def readings(hour, rise=0.0, seed=0):
-    """One epoch: levelled differences, distances and directions to C, which has risen by metres."""
-    rng = np.random.default_rng([seed, hour])
-    time = BEGIN + HOUR * hour + 600.0
-    out = [
-        {
-            "kind": "height_difference",
-            "station": a,
-            "target": "C",
-            "value": round(z + rise + rng.normal(0.0, 0.0005), 6),
-        }
-        for a, z in (("A", 1.4996), ("A", 1.4996), ("B", 0.4996))
-    ]
-    out += [
-        {
-            "kind": "slope_distance",
-            "station": a,
-            "target": "C",
-            "value": round(s + rng.normal(0.0, 0.002), 6),
-        }
-        for a, s in (("A", 58.3268), ("B", 70.7141), ("A", 58.3268))
-    ]
-    out += [
-        {
-            "kind": "direction",
-            "station": "A",
-            "target": target,
-            "value": round((angle + rng.normal(0.0, 0.001)) % 400.0, 6),
-        }
-        for target, angle in (("B", 0.0), ("C", 334.4035))
-    ]
-    return [{**o, "time": time} for o in out]
+from tests.support.sites import ADDRESS, ALARM, readings, served, yard_of
 
 
 def post(client, records):

@@ -6,7 +6,9 @@ import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 from fastapi.testclient import TestClient
 
 from factorgraph_adj.site.api import application
@@ -30,6 +32,17 @@ objects = ["C"]
 """
 ADDRESS = "/api/v1/networks/yard"
 
+HOUR = 3600.0
+BEGIN = 1_700_002_800.0
+"""Time of the first epoch of an hour, seconds UTC."""
+ALARM = """
+[[alarm]]
+name = "wall"
+points = ["C"]
+false_alarms_per_month = 0.01
+notify = ["mailto:chief@example.org"]
+"""
+"""An alarm of the yard about C."""
 
 STORES = ("sqlite", "postgresql")
 """Databases of sites; tests that take the fixture ``store`` run on each."""
@@ -102,3 +115,37 @@ def served_project(
     (folder / "site.toml").write_text("\n".join(lines) + "\n")
     with TestClient(application(Site(read_site(folder)))) as client:
         yield client
+
+
+def readings(hour: int, rise: float = 0.0, seed: int = 0) -> list[dict[str, Any]]:
+    """One epoch: levelled differences, distances and directions to C, which has risen by metres."""
+    rng = np.random.default_rng([seed, hour])
+    time = BEGIN + HOUR * hour + 600.0
+    out: list[dict[str, Any]] = [
+        {
+            "kind": "height_difference",
+            "station": a,
+            "target": "C",
+            "value": round(z + rise + rng.normal(0.0, 0.0005), 6),
+        }
+        for a, z in (("A", 1.4996), ("A", 1.4996), ("B", 0.4996))
+    ]
+    out += [
+        {
+            "kind": "slope_distance",
+            "station": a,
+            "target": "C",
+            "value": round(s + rng.normal(0.0, 0.002), 6),
+        }
+        for a, s in (("A", 58.3268), ("B", 70.7141), ("A", 58.3268))
+    ]
+    out += [
+        {
+            "kind": "direction",
+            "station": "A",
+            "target": target,
+            "value": round((angle + rng.normal(0.0, 0.001)) % 400.0, 6),
+        }
+        for target, angle in (("B", 0.0), ("C", 334.4035))
+    ]
+    return [{**o, "time": time} for o in out]

@@ -17,7 +17,7 @@ const verdictOf = (e) => {
   const moved = movedOf(e).length;
   if (moved) return ["moved", t("moved_n", { n: moved })];
   if (e.congruence?.outcome === "changed") return ["moved", t("changed")];
-  return e.congruence?.outcome === "congruent" || e.congruence && e.displacements?.length ? ["stable", t("stable")] : null;
+  return e.congruence ? ["stable", t("stable")] : null;
 };
 const outcome = (e) => {
   const found = verdictOf(e);
