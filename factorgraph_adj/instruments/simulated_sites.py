@@ -147,6 +147,14 @@ def write_site(
         instrument_table(s, port=p, network=name, speed=speed)
         for s, p in zip(stations, ports, strict=True)
     )
+    alarm = f"""[[alarm]]
+name = "objects"
+network = "{name}"
+test = "displacement"
+points = [{objects}]
+false_alarms_per_month = 0.1
+
+"""
     files["site.toml"] = f"""[site]
 name = "{name}"
 database = "site.sqlite"
@@ -157,14 +165,7 @@ project = "project.toml"
 epochs = "1 h"
 objects = [{objects}]
 
-[[alarm]]
-name = "objects"
-network = "{name}"
-test = "displacement"
-points = [{objects}]
-false_alarms_per_month = 0.1
-
-{tables}"""
+{alarm if objects else ""}{tables}"""
     folder.mkdir(parents=True, exist_ok=True)
     write_files(folder, files)
     return [folder / f for f in files]

@@ -13,6 +13,7 @@ from threading import Event, Thread
 import factorgraph_adj as fga
 from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.instruments import Instrument, read_instruments
+from factorgraph_adj.site.alarm_tables import read_alarms
 from tests.support.places import ROOT
 
 
@@ -46,6 +47,10 @@ def test_a_site_that_it_writes_receives_its_sets(tmp_path: Path):
             document["instrument"], where="site.toml", folder=tmp_path / "site"
         )
         assert settings.clock == "stated"
+        (network,) = document["network"]
+        (alarm,) = read_alarms(document["alarm"], where="site.toml", networks=["tunnel"])
+        assert alarm.rule.test == "displacement" and alarm.rule.false_alarms_per_month == 0.1
+        assert list(alarm.rule.points) == network["objects"] and "T2.3" in alarm.rule.points
         postings, stop = [], Event()
         instrument = Instrument(settings)
         thread = Thread(target=instrument.run, args=(postings.append, stop))
