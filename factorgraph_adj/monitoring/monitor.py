@@ -49,8 +49,8 @@ MAX_REFERENCE_ALPHA = 1e-4
 moved, in an epoch."""
 REFERENCE_PART = 0.1
 """Largest number of such searches in a month, relative to the lowest stated rate. A point that
-leaves by chance has the largest error of all, and takes the displacements of the objects with it:
-where the search had the level of a rule (one in 60 epochs), a third more alarms were raised."""
+leaves by chance has the largest error of all, and takes the displacements of the objects with
+it."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -181,7 +181,7 @@ def _expected(rule: AlarmRule, level: float, epochs: int, points: int) -> float:
         return float(_cusum_raisings(rule, level)[:epochs].sum())
     if rule.test == "velocity":
         return float(_velocity_raisings(rule, level)[:epochs].sum())
-    freedom = 3 * 7 - 6 if rule.test == "congruence" else 3
+    freedom = 3 * 7 - 3 if rule.test == "congruence" else 3
     return RaiseRate(freedom, share, rule.life).expected_raisings(level, epochs)
 
 
