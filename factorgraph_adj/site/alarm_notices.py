@@ -30,7 +30,7 @@ from urllib.error import URLError
 from urllib.parse import unquote, urlsplit
 from urllib.request import HTTPRedirectHandler, Request, build_opener
 
-from ..errors import AdjustmentError, InputError, Problem
+from ..errors import AdjustmentError, InputError, Problem, known
 from ..io.csv_tables import FieldRow
 from .database import Database, DatabaseAway
 
@@ -86,7 +86,8 @@ def read_mail_server(table: object, where: str) -> MailServer | None:
         row.wrong("a password does not belong into a file that is shown: state password_env")
     for name in row.left():
         if name != "password":
-            row.wrong(f"unknown key {name!r}")
+            valid = known(sorted(row.taken), meant=name, most=20)
+            row.wrong(f"unknown key {name!r}; known: {valid}")
     if problems:
         raise InputError(problems)
     at = PORTS[security] if port is None else int(port)

@@ -179,4 +179,5 @@ def _network(row: FieldRow, folder: Path) -> NetworkSettings:
 def site_left(row: FieldRow) -> None:
     """Note the fields of a table that nothing has read."""
     for name in row.left():
-        row.wrong(f"unknown key {name!r}")
+        valid = known(sorted(row.taken), meant=name, most=20)
+        row.wrong(f"unknown key {name!r}; known: {valid}")
