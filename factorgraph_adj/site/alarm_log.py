@@ -39,6 +39,8 @@ class Raised:
     epoch that raised it stay, those of the last one are its ``latest``."""
     notify: tuple[str, ...] = ()
     """Addresses that are told."""
+    tested: int | None = None
+    """Number of the epoch that was tested last; None: no epoch tells."""
 
 
 @dataclass
@@ -78,7 +80,8 @@ def reconcile(
     out, now = AlarmChanges(), {(s.rule, s.subject): s for s in standing}
     for key, row in there.items():
         if key in now:
-            latest = json.dumps(json.loads(row.data) | {"latest": now[key].data})
+            tested = {} if now[key].tested is None else {"epoch": now[key].tested}
+            latest = json.dumps(json.loads(row.data) | {"latest": now[key].data | tested})
             connection.execute(update(alarms).where(alarms.c.id == row.id).values(data=latest))
             continue
         connection.execute(update(alarms).where(alarms.c.id == row.id).values(cleared=at))

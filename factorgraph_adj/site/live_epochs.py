@@ -207,6 +207,18 @@ class LiveEpochs:
         adjustment = self._begun_adjustment(number, journal)
         return self._keep({"id": int(key), **row}, adjustment, journal)
 
+    def forget(self, epoch: LiveEpoch) -> None:
+        """Take out an epoch that has no reading: the one that began it was refused."""
+        from sqlalchemy import delete
+
+        from .tables import epochs, journal
+
+        with self._database.writing() as connection:
+            connection.execute(delete(journal).where(journal.c.epoch == epoch.id))
+            connection.execute(delete(epochs).where(epochs.c.id == epoch.id))
+        self._loaded.pop(epoch.number, None)
+        self._rows = None
+
     # -- writing ----------------------------------------------------------------------------------
 
     def pending_lines(self) -> list[dict[str, Any]]:

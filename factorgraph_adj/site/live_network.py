@@ -198,6 +198,12 @@ class LiveNetwork:
         with self._lock:
             yield self._epochs.present if number is None else self._epochs.epoch(number)
 
+    @property
+    def has_solution(self) -> bool:
+        """Whether the present epoch determines anything."""
+        with self._lock:
+            return len(self._epochs.present.stream.adjustment) > 0
+
     def epochs(self, *, results: bool = False) -> list[dict[str, Any]]:
         """Return the epochs in order, as their rows say; ``results``: with their results."""
         return self._epochs.read_rows(results=results)
@@ -316,7 +322,8 @@ class LiveNetwork:
         do = record.get("do", "add")
         if do not in COMMANDS_THAT_CHANGE | QUERIES and isinstance(do, str):
             raise InputError(Problem(f"{do!r} is no command of the service", "do"))
-        epoch = self._epoch_at(time)
+        there = {row["number"] for row in self._epochs.rows()}
+        epoch = self._epochs.present if do in QUERIES else self._epoch_at(time)
         if self.settings.keep_seconds is not None and do == "add":
             record["time"] = time
         answer = epoch.stream.answer_record(record, self._lines) | {"epoch": epoch.number}
@@ -334,7 +341,9 @@ class LiveNetwork:
             batch.events.append(("arrival", about | named_ids(task.record) | answer))
             if do != "add":
                 batch.actions.append(_action(task, str(do), task.record))
-        elif not answer["ok"] and do == "add":
+        elif not answer["ok"] and epoch.number not in there:
+            self._epochs.forget(epoch)  # nothing has come for it
+        if not answer["ok"] and do == "add":
             about = {"epoch": epoch.number, "time": time, "by": task.who, "answer": answer}
             batch.events.append(("refused", about))
         return answer

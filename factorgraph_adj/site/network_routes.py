@@ -208,11 +208,18 @@ def covariance(network: Network, caller: Reader, points: Names) -> Answer:
 
 
 def _written(network: LiveNetwork, name: str, number: int | None) -> bytes:
-    """Return a file that the exports of the package write."""
+    """Return a file that the exports of the package write.
+
+    Where no epoch is asked for and the present one determines nothing yet, it is that of the last
+    epoch that did.
+    """
     from ..export.formats import write
     from ..report.html.page import write_report
     from ..report.options import ReportOptions
 
+    if number is None and not network.has_solution:
+        done = [r["number"] for r in network.epochs(results=True) if _has_result(r)]
+        number = done[-1] if done else None
     with network.reading(number) as epoch:
         solution = epoch.stream.adjustment.solution()
         units = epoch.stream.context.units
@@ -223,6 +230,10 @@ def _written(network: LiveNetwork, name: str, number: int | None) -> bytes:
         else:
             write(solution, path)
         return path.read_bytes()
+
+
+def _has_result(row: Answer) -> bool:
+    return row["state"] != "dropped" and bool((row["result"] or {}).get("points"))
 
 
 def _download(data: bytes, name: str, kind: str) -> Response:

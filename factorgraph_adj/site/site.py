@@ -9,18 +9,17 @@ from contextlib import suppress
 from typing import Any
 
 from ..errors import InputError, known
-from ..instruments.instrument_settings import read_instruments
 from ..io.project import Project
 from ..io.readers import READERS
 from ..version import __version__
 from .access import Access
 from .alarm_log import AlarmLog, Raised, reconcile
-from .alarm_notices import AlarmNotices, read_mail_server
-from .alarm_tables import SilenceRule, read_alarms
+from .alarm_notices import AlarmNotices
+from .alarm_tables import SilenceRule
 from .database import Database, DatabaseAway
 from .event_log import EventLog
 from .live_network import LiveNetwork
-from .retention import Retention, read_retention
+from .retention import Retention
 from .site_file import SiteSettings
 from .site_instruments import SiteInstruments
 
@@ -43,22 +42,10 @@ class Site:
             InputError: a project or the database cannot be opened.
         """
         self.settings = settings
-        instruments = read_instruments(
-            settings.tables.get("instrument"),
-            where=settings.path.name,
-            folder=settings.path.parent,
-            networks=[n.name for n in settings.networks],
-        )
-        alarms = read_alarms(
-            settings.tables.get("alarm"),
-            where=settings.path.name,
-            networks=[n.name for n in settings.networks],
-        )
+        instruments, alarms = settings.instruments, settings.alarms
         self._silence = [a for a in alarms if isinstance(a.rule, SilenceRule)]
         self._silent: set[tuple[str, str]] | None = None
         self._instrument_networks = {i.name: i.network for i in instruments}
-        retention = read_retention(settings.tables.get("retention"), settings.path.name)
-        server = read_mail_server(settings.tables.get("smtp"), settings.path.name)
         projects: list[Project] = [
             READERS.load(str(n.project), allow_outside=allow_outside, options={})
             for n in settings.networks
@@ -73,15 +60,17 @@ class Site:
                 )
                 for n, project in zip(settings.networks, projects, strict=True)
             }
-            self.retention = Retention(retention, self.database, self.networks.values())
+            self.retention = Retention(settings.retention, self.database, self.networks.values())
             names = {live.id: name for name, live in self.networks.items()}
             self.alarms = AlarmLog(self.database, names)
             folder = settings.path.parent
             self.notices = AlarmNotices(
-                self.database, settings.name, server, folder=folder, told=self._tell_problem
+                *(self.database, settings.name, settings.mail_server),
+                folder=folder,
+                told=self._tell_problem,
             )
             self.instruments = SiteInstruments(
-                instruments, self.networks, self._tell_health, self._watch_silence
+                list(instruments), self.networks, self._tell_health, self._watch_silence
             )
         except BaseException:
             self.database.close()

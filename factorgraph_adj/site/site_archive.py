@@ -18,6 +18,8 @@ from pathlib import Path, PurePosixPath
 from typing import IO, TYPE_CHECKING, Any
 
 from ..errors import InputError, Problem, system_reason
+from ..files import keeping_inputs
+from ..io.readers import READERS
 from ..version import __version__
 from .database import Database
 from .site_file import SITE_FILE, SiteSettings, read_site
@@ -131,16 +133,27 @@ def _files(settings: SiteSettings, *, leave_out: Path) -> dict[str, Path]:
         without |= {Path(f"{base}{suffix}").resolve() for suffix in DATABASE_SUFFIXES}
     found = {settings.path.resolve()} if settings.path.is_file() else set()
     for network in settings.networks:
-        project = network.project.resolve()
-        if not project.is_relative_to(folder):
-            what = "lies outside the folder of the site: an archive cannot hold it"
-            raise InputError(Problem(what, str(network.project)))
-        # A project names tables and a geoid beside it.
-        home = project if project.is_dir() else project.parent
-        found |= {project} if home == folder and project.is_file() else set()
-        beside = home.rglob("*") if home != folder else home.iterdir()
-        found |= {f for f in beside if f.is_file()}
+        found |= _files_of_project(network.project, folder)
     return {f.relative_to(folder).as_posix(): f for f in sorted(found - without)}
+
+
+def _files_of_project(project: Path, folder: Path) -> set[Path]:
+    """Return the files that a project names: whatever else lies beside it is nobody's affair.
+
+    Raises:
+        InputError: one of them lies outside the folder of the site.
+    """
+    with keeping_inputs() as run:
+        network = READERS.load(str(project), allow_outside=True, options={}).network
+    found = {f.resolve() for f in run.read}
+    found |= {project.resolve()} if project.is_file() else set()
+    geoid = None if network.crs is None else network.crs.geoid
+    found |= {Path(geoid).resolve()} if isinstance(geoid, str) and Path(geoid).is_file() else set()
+    outside = sorted(f for f in found if not f.is_relative_to(folder))
+    if outside:
+        what = "lies outside the folder of the site: an archive cannot hold it"
+        raise InputError(Problem(what, str(f)) for f in outside)
+    return found
 
 
 def _stored(archive: zipfile.ZipFile, name: str, parts: Any) -> str:

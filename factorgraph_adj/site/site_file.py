@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, cast, get_args
+from typing import Any, TypeVar, cast, get_args
 
 from ..errors import InputError, Problem, known
+from ..instruments.instrument_settings import InstrumentSettings, read_instruments
 from ..io.csv_tables import FieldRow
 from ..io.text_files import read_toml
 from ..ledger.verdicts import Policy
 from ..statistical_tests import POWER_OF_TEST
+from .alarm_notices import MailServer, read_mail_server
+from .alarm_tables import SiteAlarm, read_alarms
 from .epoch_schedule import EpochSchedule
+from .retention_settings import RetentionSettings, read_retention
 
-SITE_KEYS = ("site", "network", "instrument", "alarm", "smtp", "access", "retention")
+SITE_KEYS = ("site", "network", "instrument", "alarm", "smtp", "retention")
 """Tables of a site file."""
 NETWORK_NAME = re.compile(r"[\w.~-]{1,100}", re.ASCII)
 """Names of networks stand in addresses."""
@@ -23,6 +27,7 @@ DEFAULT_ALPHA = 0.001
 """Probability of a false alarm of one test of an arriving observation."""
 SITE_FILE = "site.toml"
 """Name of a site file in a folder."""
+Found = TypeVar("Found")
 DATABASE_FILE = "site.sqlite"
 """Name of the database where none is stated."""
 
@@ -63,9 +68,14 @@ class SiteSettings:
     """Path of a file, or address of a PostgreSQL database."""
     networks: tuple[NetworkSettings, ...]
     """Its networks."""
-    tables: Mapping[str, Any] = field(default_factory=dict)
-    """Further tables as they are: ``instrument``, ``alarm``, ``smtp``, ``access``, ``retention``,
-    which the modules of these things read."""
+    instruments: tuple[InstrumentSettings, ...] = ()
+    """Its instruments."""
+    alarms: tuple[SiteAlarm, ...] = ()
+    """Its alarms, with those who are told."""
+    mail_server: MailServer | None = None
+    """What sends messages by e-mail; None: nothing does."""
+    retention: RetentionSettings = field(default_factory=RetentionSettings)
+    """For how long things are kept."""
 
 
 def read_site(path: str | Path) -> SiteSettings:
@@ -103,12 +113,32 @@ def read_site(path: str | Path) -> SiteSettings:
         top.wrong(f"two networks have the name {twice!r}")
     if not networks and not problems:
         top.wrong("no [[network]]: state at least one, with name and project")
+
+    def read(key: str, reader: Callable[[object], Found], default: Found) -> Found:
+        """Return what a further table states; its problems are noted."""
+        try:
+            return reader(document.get(key))
+        except InputError as error:
+            problems.extend(error.problems)
+            return default
+
+    where, folder = path.name, path.parent
+    instruments = read(
+        "instrument",
+        lambda t: read_instruments(t, where=where, folder=folder, networks=names),
+        [],
+    )
+    alarms = read("alarm", lambda t: read_alarms(t, where=where, networks=names), [])
+    server = read("smtp", lambda t: read_mail_server(t, where), None)
+    retention = read("retention", lambda t: read_retention(t, where), RetentionSettings())
     if problems:
         raise InputError([places.placed(p) for p in problems])
     if "://" not in database:
-        database = str(path.parent / database)
-    rest = {k: v for k, v in document.items() if k not in ("site", "network")}
-    return SiteSettings(name, path, database, tuple(networks), rest)
+        database = str(folder / database)
+    return SiteSettings(
+        *(name, path, database, tuple(networks)),
+        *(tuple(instruments), tuple(alarms), server, retention),
+    )
 
 
 def _is_site(path: Path) -> bool:

@@ -129,7 +129,7 @@ class Surveillance:
                 data |= _alarm_figures(tests[key])
             assert isinstance(rule.rule, AlarmRule)
             data["false_alarms_per_month"] = rule.rule.false_alarms_per_month
-            out.append(Raised(alarm.rule, alarm.point, data, rule.notify))
+            out.append(Raised(alarm.rule, alarm.point, data, rule.notify, found.number))
         return out
 
 

@@ -169,3 +169,17 @@ def test_events_tell_what_happened_in_order(tmp_path):
             assert connection.execute(select(func.count()).select_from(requests)).scalar() == 0
             (result,) = connection.execute(select(epochs.c.result)).scalars()
             assert json.loads(result)["converged"]
+
+
+def test_a_refused_posting_and_a_question_begin_no_epoch(tmp_path):
+    with site_of(tmp_path, epochs="1 h") as site:
+        live = yard_of(site)
+        refused, asked = posted(
+            live,
+            {**ARRIVALS[0], "target": "NOWHERE", "time": BEGIN},
+            {"do": "doubts", "time": BEGIN + HOUR},
+        )
+        assert not refused["ok"] and asked["ok"]
+        assert [r["number"] for r in live.epochs()] == [0]
+        posted(live, {**ARRIVALS[0], "time": BEGIN})
+        assert [r["number"] for r in live.epochs()] == [0, 1]

@@ -8,7 +8,8 @@ import pytest
 from sqlalchemy import func, select
 
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.site.retention import DAY_S, Retention, RetentionSettings, read_retention
+from factorgraph_adj.site.retention import Retention
+from factorgraph_adj.site.retention_settings import DAY_S, RetentionSettings, read_retention
 from factorgraph_adj.site.tables import events, journal
 from tests.networks.yard import ARRIVALS
 from tests.support.sites import site_of, yard_of

@@ -1,0 +1,67 @@
+"""What a site keeps, and for how long, so that its database does not grow without bound.
+
+    [retention]
+    journals = "400 d"     # readings of closed epochs; not stated: for ever
+    answers = "7 d"        # answers to requests
+    events = "30 d"        # what browsers follow
+
+Results of epochs, alarms, messages and decisions are kept for ever. After ``answers`` the answer to
+a request is shortened to its verdict, while its name and digest stay: a repetition changes nothing,
+however late it comes. After ``journals`` the readings of an epoch leave; its result stays, and late
+readings for it are refused with this reason. The present epoch, the last closed one and the
+reference epoch keep their readings. SQLite uses the room that becomes free for what comes later;
+the file does not become smaller.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..errors import InputError, Problem
+from ..instruments.instrument_settings import duration
+from ..io.csv_tables import FieldRow
+
+DAY_S = 86400.0
+
+
+@dataclass(frozen=True)
+class RetentionSettings:
+    """For how long things are kept, seconds; None: for ever."""
+
+    journals: float | None = None
+    """Readings of closed epochs."""
+    answers: float | None = 7.0 * DAY_S
+    """Answers to requests."""
+    events: float | None = 30.0 * DAY_S
+    """Events."""
+
+
+def read_retention(table: object, where: str) -> RetentionSettings:
+    """Return the settings of a site file.
+
+    Raises:
+        InputError: all problems of the table.
+    """
+    if table is None:
+        return RetentionSettings()
+    problems: list[Problem] = []
+    row = FieldRow(table if isinstance(table, dict) else {}, f"{where}: [retention]", problems)
+    if not isinstance(table, dict):
+        row.wrong("retention must be a table")
+    found: dict[str, float | None] = {}
+    for name in ("journals", "answers", "events"):
+        given = row.take(name)
+        if given is None:
+            continue
+        if given == "for ever":
+            found[name] = None
+            continue
+        try:
+            found[name] = duration(given)
+        except ValueError as error:
+            row.wrong(f'{name} {error}, or "for ever"')
+    for name in row.left():
+        row.wrong(f"unknown key {name!r}; valid: journals, answers, events")
+    if problems:
+        raise InputError(problems)
+    return RetentionSettings(**found)
