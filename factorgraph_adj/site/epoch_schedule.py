@@ -24,7 +24,8 @@ class EpochSchedule:
     length: float | None = None
     """Length of an epoch, seconds; None: epochs have no length."""
     sets: int | None = None
-    """Sets of readings, of which the last one ends the epoch; None: sets are not counted."""
+    """Sets that each instrument that posts sets must have posted, with which the epoch ends; None:
+    sets are not counted. A service that begins again counts from its begin."""
 
     @classmethod
     def of(cls, text: str) -> EpochSchedule:
@@ -37,7 +38,7 @@ class EpochSchedule:
             return cls()
         found = _LENGTH.fullmatch(text)
         if found is None or float(found[1]) <= 0.0:
-            raise InputError(f"epochs {text!r} are none; valid: {VALID}")
+            raise InputError(f"epochs = {text!r} states no length; valid: {VALID}")
         if found[2].startswith("set"):
             if not float(found[1]).is_integer():
                 raise InputError(f"epochs {text!r}: the number of sets must be whole")

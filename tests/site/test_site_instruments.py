@@ -128,3 +128,19 @@ def test_an_instrument_that_is_silent_raises_an_alarm_until_it_sends(tmp_path):
         until(lambda: client.get("/api/v1/alarms").json() == [])
         (closed,) = client.get("/api/v1/alarms", params={"state": "all"}).json()[-1:]
         assert closed["state"] == "closed" and closed["until"] > closed["since"]
+
+
+def test_an_epoch_ends_with_the_last_set_of_the_instrument(tmp_path):
+    sets = INSTRUMENT.replace('post = "sights"', 'post = "sets"\ntargets = ["B", "C"]')
+    file = tmp_path / "level.gsi"
+    file.write_bytes("".join([*SIGHT, *SIGHT, *SIGHT]).encode())
+    with served(tmp_path, epochs="2 sets", more=sets) as client:
+
+        def states():
+            return [(e["number"], e["state"]) for e in client.get(f"{ADDRESS}/epochs").json()]
+
+        until(lambda: client.get("/api/v1/instruments").json()[0]["postings"] >= 2)
+        until(lambda: (1, "closed") in states())
+        with file.open("ab") as stream:
+            stream.write("".join([*SIGHT, *SIGHT]).encode())
+        until(lambda: (2, "closed") in states())
