@@ -123,12 +123,14 @@ def read_site(path: str | Path) -> SiteSettings:
             return default
 
     where, folder = path.name, path.parent
+    no_instruments: list[InstrumentSettings] = []
+    no_alarms: list[SiteAlarm] = []
     instruments = read(
         "instrument",
         lambda t: read_instruments(t, where=where, folder=folder, networks=names),
-        [],
+        no_instruments,
     )
-    alarms = read("alarm", lambda t: read_alarms(t, where=where, networks=names), [])
+    alarms = read("alarm", lambda t: read_alarms(t, where=where, networks=names), no_alarms)
     server = read("smtp", lambda t: read_mail_server(t, where), None)
     retention = read("retention", lambda t: read_retention(t, where), RetentionSettings())
     if problems:
