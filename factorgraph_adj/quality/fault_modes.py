@@ -287,6 +287,7 @@ class Pairs:
         swap = size[a] > size[b]
         a, b = np.where(swap, b, a), np.where(swap, a, b)
         kinds, kind = np.unique(np.stack([size[a], size[b]], axis=1), axis=0, return_inverse=True)
+        kind = kind.ravel()  # (p, 1) in numpy 2.0
         classes = [
             _pair_class(r, coherence, (a[kind == k], b[kind == k]), spread, least_share)
             for k in range(len(kinds))
