@@ -286,11 +286,10 @@ class Pairs:
         a, b, _ = pairs
         swap = size[a] > size[b]
         a, b = np.where(swap, b, a), np.where(swap, a, b)
-        kinds, kind = np.unique(np.stack([size[a], size[b]], axis=1), axis=0, return_inverse=True)
-        kind = kind.ravel()  # (p, 1) in numpy 2.0
+        code = size[a] * (size.max() + 1) + size[b]
         classes = [
-            _pair_class(r, coherence, (a[kind == k], b[kind == k]), spread, least_share)
-            for k in range(len(kinds))
+            _pair_class(r, coherence, (a[code == k], b[code == k]), spread, least_share)
+            for k in np.unique(code)
         ]
         every = r.n * (r.n - 1) // 2
         rest = 1.0 + spread * least / (1.0 - least) if len(a) < every else 0.0
