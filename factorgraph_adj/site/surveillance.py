@@ -18,6 +18,7 @@ from ..errors import AdjustmentError
 from ..monitoring.alarm_rules import OF_REFERENCE, AlarmRule, TestedEpoch, matches
 from ..monitoring.epoch_estimates import EpochEstimate
 from ..monitoring.monitor import Findings, Monitor
+from ..monitoring.motion_filter import DAY_S
 from ..service.answers import rounded_figure
 from .alarm_log import Raised
 from .alarm_tables import SiteAlarm
@@ -26,7 +27,6 @@ from .site_file import NetworkSettings
 
 AXES = "xyz"
 MILLIMETRE = 1e-3
-DAY_S = 86400.0
 DEFAULT_INTERVAL = 86400.0
 """Time from one epoch to the next where epochs have no length, seconds."""
 

@@ -17,17 +17,9 @@ from factorgraph_adj.site.alarm_log import Raised, reconcile
 from factorgraph_adj.site.alarm_notices import AlarmNotices, MailServer, read_mail_server
 from factorgraph_adj.site.database import Database
 from factorgraph_adj.site.tables import notices
+from tests.support.sites import until
 
 DATA = {"test": "displacement", "value": 40.1, "limit": 25.2, "text": "C has moved by 10.1 mm"}
-
-
-def until(happens, seconds=20.0):
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        if found := happens():
-            return found
-        time.sleep(0.05)
-    raise AssertionError(f"did not happen in {seconds} s")
 
 
 @contextmanager

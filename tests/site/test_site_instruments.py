@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import time
-
 from factorgraph_adj.instruments.nmea_sentences import checksum
-from tests.support.sites import ADDRESS, served
+from tests.support.sites import ADDRESS, served, until
 
 INSTRUMENT = """
 [[instrument]]
@@ -26,15 +24,6 @@ SIGHT = (
     "11....+0000000C 21...2+33440350 22...2+09836210 31...6+00583268 87...0+00000000 \r\n",
     "11....+0000000B 21...2+00000000 22...2+09920460 31...6+00800063 87...0+00000000 \r\n",
 )
-
-
-def until(happens, seconds=20.0):
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        if found := happens():
-            return found
-        time.sleep(0.05)
-    raise AssertionError(f"did not happen in {seconds} s")
 
 
 def test_lines_of_a_growing_file_become_observations_once(tmp_path):

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -149,3 +150,13 @@ def readings(hour: int, rise: float = 0.0, seed: int = 0) -> list[dict[str, Any]
         for target, angle in (("B", 0.0), ("C", 334.4035))
     ]
     return [{**o, "time": time} for o in out]
+
+
+def until(happens: Callable[[], Any], seconds: float = 20.0) -> Any:
+    """Wait until something happens, and return what it gives."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if found := happens():
+            return found
+        time.sleep(0.05)
+    raise AssertionError(f"did not happen in {seconds} s")
