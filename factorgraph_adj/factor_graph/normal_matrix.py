@@ -20,6 +20,12 @@ from .linear_rows import LinearRows
 
 WIDTH = 3
 """Columns of a node."""
+MAX_CHANGED_COLUMNS = 60
+"""Largest number of columns in which a factor is changed: each of them costs a solution, and a new
+factor as much as about a hundred of a grid."""
+LEAST_CHANGE = 1e-4
+"""Smallest singular value of I + Δ G: below it a change loses digits, and the matrix is factorised
+anew."""
 
 
 class NormalPattern(NamedTuple):
@@ -66,13 +72,21 @@ class RowsWithNormals(LinearRows):
         rows_of_all = coo_array((np.concatenate(data), places), shape=(first, n)).tocsr()
         return csc_array(rows_of_all.T @ rows_of_all)
 
-    def solved_normals(self) -> SolvedNormals:
-        """Return the factorised normal matrix.
+    def solved_normals(self, before: SolvedNormals | None = None) -> SolvedNormals | ChangedNormals:
+        """Return the factorised normal matrix, or an earlier factor with few changes.
+
+        Args:
+            before: the factor of an earlier state of the same rows; None: there is none.
 
         Raises:
             SingularError: the rows do not determine all variables that they touch.
         """
-        matrix = coo_array(self.normal_matrix())
+        whole = self.normal_matrix()
+        if before is not None:
+            changed = ChangedNormals.of(before, whole, self._alive.values[self._key.values])
+            if changed is not None:
+                return changed
+        matrix = coo_array(whole)
         keys = np.arange(self._first.n)
         pieces = -(-self._size.values // WIDTH)
         begin = np.cumsum(pieces) - pieces
@@ -100,7 +114,7 @@ class RowsWithNormals(LinearRows):
         diagonal[~free.reshape(n, WIDTH)] = 1.0
         i = np.arange(WIDTH)
         blocks.diagonal[:, i, i] = diagonal
-        return SolvedNormals(Fronts.of(found.fronts, blocks), place, alive, free)
+        return SolvedNormals(Fronts.of(found.fronts, blocks), whole, place, alive, free)
 
     def _positions(self, owner: Index, first: Index, second: Index) -> Array:
         """Return where nodes are, (n, 3): points, and what they are joined to in their middle."""
@@ -125,16 +139,20 @@ class RowsWithNormals(LinearRows):
 class SolvedNormals:
     """A factorised normal matrix."""
 
-    def __init__(self, fronts: Fronts, place: Index, alive: Mask, free: Mask) -> None:
+    def __init__(
+        self, fronts: Fronts, matrix: csc_array, place: Index, alive: Mask, free: Mask
+    ) -> None:
         """Take the factor over.
 
         Args:
             fronts: the factor.
+            matrix: the normal matrix, (n, n).
             place: place of each column in it, (n,).
             alive: which columns are determined by rows, (n,).
             free: which places are of such columns.
         """
         self._fronts, self._place, self.alive, self._free = fronts, place, alive, free
+        self.matrix = matrix
         self._diagonal: Array | None = None
 
     def times(self, y: Array) -> Array:
@@ -159,3 +177,50 @@ class SolvedNormals:
         own = np.max(np.where(on, node, 0), axis=1)
         found = self._diagonal[own[:, None, None], place[:, :, None], place[:, None, :]]
         return np.where(on[:, :, None] & on[:, None, :], found, 0.0)
+
+
+class ChangedNormals:
+    """A factorised normal matrix N with changes Δ of a few columns E, without a new factor.
+
+    (N + E Δ Eᵀ)⁻¹ = Q − Q E W EᵀQ,   W = (I + Δ G)⁻¹ Δ,   G = EᵀQE,   Q = N⁻¹.
+    """
+
+    def __init__(self, before: SolvedNormals, spread: Array, weight: Array) -> None:
+        """Take the change over.
+
+        Args:
+            before: the factor.
+            spread: Q E, (n, k).
+            weight: W, (k, k).
+        """
+        self.before, self._spread, self._weight = before, spread, weight
+        self.alive = before.alive
+
+    @classmethod
+    def of(cls, before: SolvedNormals, matrix: csc_array, alive: Mask) -> ChangedNormals | None:
+        """Return the changes of a matrix; None where a new factor is better."""
+        if before.matrix.shape != matrix.shape or not np.array_equal(before.alive, alive):
+            return None
+        change = coo_array(matrix - before.matrix)
+        columns = np.unique(change.col[change.data != 0.0])
+        if len(columns) > MAX_CHANGED_COLUMNS:
+            return None
+        unit = np.zeros((len(alive), len(columns)))
+        unit[columns, np.arange(len(columns))] = 1.0
+        spread = before.times(unit)
+        delta = np.asarray(csc_array(change)[columns][:, columns].todense())
+        size = np.eye(len(columns)) + delta @ spread[columns]
+        if len(columns) and np.linalg.svd(size, compute_uv=False)[-1] < LEAST_CHANGE:
+            return None
+        weight = np.linalg.solve(size, delta)
+        return cls(before, spread, 0.5 * (weight + weight.T))
+
+    def times(self, y: Array) -> Array:
+        """Return the inverse times y (n, k); zero at columns without rows."""
+        change = self._spread @ (self._weight @ (self._spread.T @ y))
+        return np.asarray(self.before.times(y) - change)
+
+    def blocks(self, columns: Index) -> Array:
+        """Return the covariances of variables, see `SolvedNormals.blocks`."""
+        own = np.where((columns >= 0)[:, :, None], self._spread[columns], 0.0)
+        return self.before.blocks(columns) - own @ self._weight @ own.transpose(0, 2, 1)

@@ -28,7 +28,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ..factor_graph.normal_matrix import SolvedNormals
+from ..factor_graph.normal_matrix import ChangedNormals, SolvedNormals
 from ..models.unknown_registry import VariableKind
 from ..solve.solution import Solution
 from ..types import Array, Index
@@ -70,16 +70,21 @@ class CofactorColumns(Protocol):
         ...
 
 
-def cofactor_columns(system: LinearSystem, solution: Callable[[], Solution]) -> CofactorColumns:
+def cofactor_columns(
+    system: LinearSystem,
+    solution: Callable[[], Solution],
+    before: CofactorColumns | None = None,
+) -> CofactorColumns:
     """Return the cofactors of a linear system by columns.
 
     Args:
         system: the system.
         solution: returns the whole solution, which a section of a large network takes.
+        before: the columns of an earlier state, whose factor is used again; None: there are none.
     """
     if isinstance(system, ISAM2System):
         if not system.tree.lost:
-            return TreeColumns(system)
+            return TreeColumns(system, before if isinstance(before, TreeColumns) else None)
         system = system.fronts
     assert isinstance(system, FrontSystem)
     return FrontColumns(system if system.section is None else FrontSystem.of(solution()))
@@ -88,12 +93,18 @@ def cofactor_columns(system: LinearSystem, solution: Callable[[], Solution]) -> 
 class TreeColumns:
     """Cofactors of a network in iSAM2."""
 
-    def __init__(self, system: ISAM2System) -> None:
-        """Factorise the normal matrix of the rows in the tree."""
+    def __init__(self, system: ISAM2System, before: TreeColumns | None = None) -> None:
+        """Factorise the normal matrix of the rows in the tree, or change an earlier factor."""
         self._tree = system.tree
-        self._solved: SolvedNormals = self._tree.solved_normals()
+        factor = before.factor if before is not None and before._tree is self._tree else None
+        self._solved = self._tree.solved_normals(factor)
         self._columns = {k: t.column.values.copy() for k, t in self._tree.tables.items()}
         self._numbers = {k: dict(t.number) for k, t in self._tree.tables.items()}
+
+    @property
+    def factor(self) -> SolvedNormals:
+        """The factor, without later changes."""
+        return self._solved.before if isinstance(self._solved, ChangedNormals) else self._solved
 
     @property
     def size(self) -> int:

@@ -24,7 +24,7 @@ from ..solve.linearised_equations import LinearisedEquations
 from ..types import Index
 from .candidate_search import told
 from .candidates import Candidate, CandidateRows, as_candidates, as_planned, owners, partials
-from .possible_sights import PossibleSights
+from .sight_rows import PossibleSights
 
 
 def given_candidates(

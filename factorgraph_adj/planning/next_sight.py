@@ -31,8 +31,9 @@ from ..types import Array
 from ..units import LENGTH
 from .arriving_candidates import given_candidates
 from .candidates import Candidate
-from .possible_sights import PossibleSights, possible_sights
+from .possible_sights import possible_sights
 from .sight_gains import Gains, SightGains, dense_rows
+from .sight_rows import PossibleSights
 from .sight_templates import Places, SightMemory
 from .target_functions import TargetReader, gains
 from .targets import (
@@ -288,7 +289,7 @@ def next_sights(
         if not (choice.sequence and found):
             break
         best, n = found[0], cofactors.size
-        rows = dense_rows(n, best.family.a[[best.number]], best.family.columns[[best.number]])
+        rows = dense_rows(n, *best.family.rows(np.array([best.number])))
         functions = [f.carried(lambda q, b=rows: WithRows(q, b)) for f in functions]  # type: ignore[misc]
     return NextSights(
         targets,

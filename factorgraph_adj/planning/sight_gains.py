@@ -4,11 +4,12 @@ With functions F of the unknowns on which a target depends, and the rows A of a 
 
     F Q′ Fᵀ = F Q Fᵀ − N D⁻¹ Nᵀ,   N = F Q Aᵀ,   D = I + A Q Aᵀ.
 
-One solution of the system gives Q Fᵀ, and with it N of all candidates. D takes the columns of Q for
-the stations of the sights, and the blocks of the points at their ends. Where there are too many
-stations, only promising candidates are solved for: as the joint cofactors of F and A are
-nonnegative definite, D ⪰ I + Nᵀ (F Q Fᵀ)⁻¹ N, from which follows the largest gain that a candidate
-may have. Those that cannot be among the best are left out, and the answer is the same.
+One solution of the system gives Q Fᵀ, and with it N of all candidates. As the joint cofactors of F
+and A are nonnegative definite, D ⪰ I + Nᵀ (F Q Fᵀ)⁻¹ N, from which follows the largest gain that a
+candidate may have. The most promising candidates are solved for, with rows at the present
+estimates, until the others cannot be among the best: the answer is that of an examination of all.
+Where the first do not suffice, D of the others takes the columns of Q for the stations of the
+sights, and the blocks of the points at their ends, if the stations are few.
 """
 
 from __future__ import annotations
@@ -19,13 +20,13 @@ import numpy as np
 
 from ..linear_system.cofactor_columns import CofactorColumns
 from ..types import Array, Index
-from .possible_sights import POINT, PossibleSights
+from .sight_rows import POINT, PossibleSights
 from .target_functions import TargetFunctions, TargetItem, gains, lack_of
 from .targets import MET
 
 MAX_HUB_COLUMNS = 400
 """Largest number of columns of stations for which all of them are solved for."""
-SOLVED_TOGETHER = 32
+SOLVED_TOGETHER = 16
 """Number of promising candidates that are solved for first; then twice as many each time."""
 
 
@@ -109,30 +110,61 @@ class SightGains:
             cost: cost of each candidate, (m,).
         """
         s = self.sights
-        hubs = np.unique(s.columns[:, :-POINT])
-        hubs = hubs[hubs >= 0]
-        if len(hubs) <= MAX_HUB_COLUMNS and (s.points >= 0).all():
-            d = [self._all(g.of.cofactors, hubs) for g in self.of]
-            return self._sum(np.arange(s.n), d), d
-        return self._best(most, cost)
+        bound = sum((g.most(n) for g, n in zip(self.of, self.along, strict=True)), np.zeros(s.n))
+        bound = bound * (1.0 + s.uncertain)
+        out = np.full(s.n, -np.inf)
+        size = s.a.shape[1]
+        d = [np.broadcast_to(np.eye(size), (s.n, size, size)).copy() for _ in self.of]
+        order = np.argsort(-bound / cost, kind="stable")
+        first, number = 0, SOLVED_TOGETHER
+        while first < s.n:
+            least = np.partition(out / cost, -most)[-most] if most <= s.n else -np.inf
+            rest = order[first:]
+            open_ = (bound[rest] / cost[rest] > least) & (bound[rest] > MET)
+            if not open_.any():
+                break
+            hubs = self._few_hubs(rest[open_]) if first else None
+            some = rest[:number] if hubs is None else rest[open_]
+            a, columns = s.rows(some)
+            found: dict[int, Array] = {}
+            for own, along, g in zip(d, self.along, self.of, strict=True):
+                q = g.of.cofactors
+                if id(q) not in found:
+                    known = None if hubs is None else self._known_d(q, hubs, a, columns, some)
+                    found[id(q)] = solved_d(q, a, columns) if known is None else known
+                own[some], along[some] = found[id(q)], g.along(a, columns)
+            out[some] = self._sum(some, d)
+            if hubs is not None:
+                break
+            first, number = first + number, 2 * number
+        return out, d
 
-    def _all(self, cofactors: CofactorColumns, hubs: Index) -> Array:
-        """Return D of all candidates from the columns of stations and the blocks of points."""
-        s = self.sights
+    def _few_hubs(self, some: Index) -> Index | None:
+        """Return the columns of the stations of some sights; None: they are too many, or none."""
+        hubs = np.unique(self.sights.columns[some, :-POINT])
+        hubs = hubs[hubs >= 0]
+        few = len(hubs) <= MAX_HUB_COLUMNS and bool((self.sights.points[some] >= 0).all())
+        return hubs if few else None
+
+    def _known_d(
+        self, cofactors: CofactorColumns, hubs: Index, a: Array, columns: Index, some: Index
+    ) -> Array:
+        """Return D of some sights from the columns of stations and the blocks of points."""
+        points, (m, size, _) = self.sights.points[some], a.shape
         unit = np.zeros((cofactors.size, len(hubs)))
         unit[hubs, np.arange(len(hubs))] = 1.0
         q = cofactors.times(unit) if len(hubs) else unit
         place = np.full(cofactors.size + 1, -1, dtype=np.intp)
         place[hubs] = np.arange(len(hubs))
-        of_hub, of_point = s.columns[:, :-POINT], s.columns[:, -POINT:]
-        d = np.broadcast_to(np.eye(s.a.shape[1]), (s.n, *(s.a.shape[1],) * 2)).copy()
-        leaf = s.a[:, :, -POINT:]
-        used = np.unique(s.points)
+        of_hub, of_point = columns[:, :-POINT], columns[:, -POINT:]
+        d = np.broadcast_to(np.eye(size), (m, size, size)).copy()
+        leaf = a[:, :, -POINT:]
+        used = np.unique(points)
         blocks = np.zeros((int(used.max(initial=0)) + 1, POINT, POINT))
         blocks[used] = cofactors.point_blocks([self.names[i] for i in used.tolist()])
-        d += leaf @ blocks[s.points] @ leaf.transpose(0, 2, 1)
+        d += leaf @ blocks[points] @ leaf.transpose(0, 2, 1)
         if of_hub.shape[1] and len(hubs):
-            hub = np.where((of_hub >= 0)[:, None, :], s.a[:, :, :-POINT], 0.0)
+            hub = np.where((of_hub >= 0)[:, None, :], a[:, :, :-POINT], 0.0)
             at = place[of_hub]
             q_hh = q[of_hub[:, :, None], at[:, None, :]]
             q_lh = q[of_point[:, :, None], at[:, None, :]]
@@ -140,26 +172,6 @@ class SightGains:
             cross = point @ q_lh @ hub.transpose(0, 2, 1)
             d += hub @ q_hh @ hub.transpose(0, 2, 1) + cross + cross.transpose(0, 2, 1)
         return d
-
-    def _best(self, most: int, cost: Array) -> tuple[Array, list[Array]]:
-        """Return gains of those candidates that may be among the best."""
-        s = self.sights
-        bound = sum((g.most(n) for g, n in zip(self.of, self.along, strict=True)), np.zeros(s.n))
-        out = np.full(s.n, -np.inf)
-        size = s.a.shape[1]
-        d = [np.broadcast_to(np.eye(size), (s.n, size, size)).copy() for _ in self.of]
-        order = np.argsort(-bound / cost, kind="stable")
-        first, number = 0, SOLVED_TOGETHER
-        while first < s.n:
-            some = order[first : first + number]
-            least = np.partition(out / cost, -most)[-most] if most <= s.n else -np.inf
-            if bound[some[0]] / cost[some[0]] <= least or (bound[order[first:]] <= MET).all():
-                break
-            for own, g in zip(d, self.of, strict=True):
-                own[some] = solved_d(g.of.cofactors, s.a[some], s.columns[some])
-            out[some] = self._sum(some, d)
-            first, number = first + number, 2 * number
-        return out, d
 
     def _sum(self, some: Index, d: Sequence[Array]) -> Array:
         """Return the gains of some candidates for all targets."""

@@ -7,10 +7,10 @@ holds of levelled differences and GNSS positions of the whole network.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -38,6 +38,11 @@ from ..solve.solution import Solution
 from ..stochastic_model import StandardDeviation
 from ..types import Array, Index
 
+if TYPE_CHECKING:
+    from .sight_rows import SightRows
+
+MAX_KEPT = 4
+"""Number of choices of candidates whose rows are kept."""
 SECOND_TARGETS = ("horizontal angle",)
 """Quantities that need a second target: a sight to a point alone has none."""
 DIFFERENT = frozenset(("station", "target", "value", "id", "source"))
@@ -69,14 +74,46 @@ class SightMemory:
         self._ends: dict[tuple[str, str], None] = {}
         self._levelled: Sight | None = None
         self._gnss: ControlPoint | None = None
-        self._compiled: tuple[Network, tuple[Observation, ...], Equations] | None = None
+        self._compiled: list[tuple[Network, tuple[Observation, ...], Equations]] = []
         self._cofactors: tuple[LinearSystem, CofactorColumns] | None = None
+        self._reach = np.nan
+        self._kept: list[tuple[Equations, Hashable, SightRows | None]] = []
 
     def cofactors(self, system: LinearSystem, solution: Callable[[], Solution]) -> CofactorColumns:
         """Return the cofactors of a system, which are made once for it."""
-        if self._cofactors is None or self._cofactors[0] is not system:
-            self._cofactors = system, cofactor_columns(system, solution)
+        before = None if self._cofactors is None else self._cofactors[1]
+        if before is None or self._cofactors is None or self._cofactors[0] is not system:
+            self._cofactors = system, cofactor_columns(system, solution, before)
         return self._cofactors[1]
+
+    def reach(self, longest: float, margin: float) -> float:
+        """Return a reach that stays the same while the longest sight changes little, metres.
+
+        Args:
+            longest: length of the longest sight, metres.
+            margin: part of it up to which the reach is longer.
+        """
+        if not longest <= self._reach <= longest * (1.0 + 2.0 * margin):
+            self._reach = longest * (1.0 + margin)
+        return self._reach
+
+    def kept(
+        self, places: Places, key: Hashable, make: Callable[[], SightRows | None]
+    ) -> SightRows | None:
+        """Return the rows of a family of sights: those of an earlier question where they serve.
+
+        Args:
+            places: values and columns.
+            key: what distinguishes the family among those of the same templates.
+            make: evaluates the family.
+        """
+        mine = [k for k in self._kept if k[0] is places.equations and k[1] == key]
+        others = [k for k in self._kept if k not in mine]
+        rows = mine[0][2] if mine else None
+        if rows is None or not rows.possible(places):
+            rows = make()
+        self._kept = [*others[1 - MAX_KEPT :], (places.equations, key, rows)]
+        return rows
 
     def templates(self, ledger: Ledger) -> Templates:
         """Return the last observations of a ledger, of each kind from each station."""
@@ -105,16 +142,16 @@ class SightMemory:
 
     def compiled(self, network: Network, observations: Sequence[Observation]) -> Equations:
         """Return templates as equations of a network; their ids are numbers."""
-        own, found = tuple(observations), self._compiled
-        if found is not None and found[0] is network:
-            before, now = (list(map(id, each)) for each in (found[1], own))
-            if before == now:
-                return found[2]
+        own = tuple(observations)
+        now = list(map(id, own))
+        for of, before, equations in self._compiled:
+            if of is network and list(map(id, before)) == now:
+                return equations
         whole = network.copy()
         for number, o in enumerate(own):
             whole.add(replace(o, id=str(number)))
         equations = compile_rows(whole)
-        self._compiled = network, own, equations
+        self._compiled = [*self._compiled[1 - MAX_KEPT :], (network, own, equations)]
         return equations
 
 
@@ -192,6 +229,10 @@ class Places:
             self._of_kind[kind] = np.where(table.free, out, -1)
         return self._of_kind[kind]
 
+    def varies(self, kind: VariableKind) -> bool:
+        """Return whether a variable of a kind is no constant."""
+        return bool((self.of_kind(kind) != -1).any())
+
     @property
     def coordinates(self) -> Array:
         """Coordinates of the points, (n, 3) metres."""
@@ -204,8 +245,7 @@ class Places:
         way = self.coordinates[pairs[:, 1]] - self.coordinates[pairs[:, 0]]
         far = np.linalg.norm(way, axis=1)
         far = far[np.isfinite(far)]
-        # Present coordinates move, and the longest sight stays possible.
-        return float(far.max()) * (1.0 + 1e-6) if len(far) else np.inf
+        return float(far.max()) if len(far) else np.inf
 
     @cached_property
     def rows_of_templates(self) -> tuple[Index, Index]:

@@ -14,7 +14,7 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj import observations as o
 from factorgraph_adj.entities import Photo
-from factorgraph_adj.planning import sight_gains
+from factorgraph_adj.planning import sight_gains, sight_rows
 from factorgraph_adj.planning.candidates import Candidate
 from factorgraph_adj.planning.next_sight import NextSight, NextSights
 from factorgraph_adj.planning.targets import (
@@ -180,6 +180,78 @@ def test_few_are_solved_for_where_there_are_many_stations(monkeypatch):
     few = inc.next_sights(["D", "E"], most=4, reach=1e3)
     assert [s.aim for s in few.sights] == [s.aim for s in every.sights]
     assert [s.gain for s in few.sights] == pytest.approx([s.gain for s in every.sights], rel=NEAR)
+
+
+@pytest.mark.parametrize("engine", ["fronts", "isam2"])
+def test_what_is_kept_between_questions_changes_no_answer(engine, monkeypatch):
+    """After arrivals that move points, removals, new points and settling."""
+    monkeypatch.setattr(sight_gains, "SOLVED_TOGETHER", 2)
+    inc = settled(survey(), engine=engine)
+    rng = np.random.default_rng(7)
+
+    def asked() -> None:
+        for options in (
+            {},
+            {"reach": 1e3, "stations": "S*"},
+            {"singly": True, "kinds": "direction"},
+        ):
+            kept = inc.next_sights(["D", "E"], **options)
+            memory, inc._sights = inc._sights, None
+            fresh = inc.next_sights(["D", "E"], **options)
+            inc._sights = memory
+            assert kept.examined == fresh.examined
+            assert [s.candidate.name for s in kept.sights] == [
+                s.candidate.name for s in fresh.sights
+            ]
+            for a, b in zip(kept.sights, fresh.sights, strict=True):
+                assert a.gain == pytest.approx(b.gain, rel=NEAR)
+                assert a.figures[0].after == pytest.approx(b.figures[0].after, rel=NEAR)
+
+    asked()
+    for step, scale in enumerate((0.0, 1.0, 30.0)):
+        sight = inc.next_sights("D", most=1, stations="S*").sights[0]
+        given = predicted(inc, sight.candidate)
+        noisy = [
+            replace(m, id=f"{step} {n}", value=m.value + scale * float(rng.normal(0, m.sigma)))
+            for n, m in enumerate(given)
+        ]
+        inc.add(noisy)
+        asked()
+    inc.remove("0 0")
+    asked()
+    inc.reweight("1 1", 0.25)
+    asked()
+    inc.add(
+        [
+            o.SlopeDistance(s, "N", float(np.hypot(30.0, 30.0)), sigma=5.0)
+            for s in ("S1", "S2", "S3")
+        ],
+        points=[fga.Point("N", (35.0, 30.0, 5.0))],
+    )
+    asked()
+    inc.settle()
+    asked()
+
+
+def test_partials_are_evaluated_again_only_where_points_have_moved(monkeypatch):
+    inc = settled(survey())
+    inc.next_sights("D")
+    evaluated = []
+    original = sight_rows.SightRows._renew
+
+    def renew(self, places, which):
+        evaluated.append(len(which))
+        original(self, places, which)
+
+    monkeypatch.setattr(sight_rows.SightRows, "_renew", renew)
+    inc.next_sights("E")
+    assert not evaluated
+    monkeypatch.setattr(sight_rows, "KEPT_SHIFT", 0.0)
+    sight = inc.next_sights("D", most=1, stations="S*").sights[0]
+    (first, *rest) = predicted(inc, sight.candidate)
+    inc.add([replace(first, id="moves", value=first.value + first.sigma), *rest])
+    inc.next_sights("D")
+    assert evaluated
 
 
 def test_given_candidates_are_judged_alike():
