@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, cast
+from typing import Any, Protocol, TypeVar, cast
 
 import numpy as np
 
@@ -38,9 +38,6 @@ from ..solve.solution import Solution
 from ..stochastic_model import StandardDeviation
 from ..types import Array, Index
 
-if TYPE_CHECKING:
-    from .sight_rows import SightRows
-
 MAX_KEPT = 4
 """Number of choices of candidates whose rows are kept."""
 SECOND_TARGETS = ("horizontal angle",)
@@ -63,6 +60,17 @@ class Templates:
     """Station and target of all sights so far, each pair once."""
 
 
+class KeptRows(Protocol):
+    """Rows of sights that may serve a later question."""
+
+    def possible(self, places: Places) -> bool:
+        """Return whether the same sights are possible now."""
+        ...
+
+
+Rows = TypeVar("Rows", bound=KeptRows)
+
+
 class SightMemory:
     """The last observations of a ledger that grows, and their equations, between two queries."""
 
@@ -77,7 +85,7 @@ class SightMemory:
         self._compiled: list[tuple[Network, tuple[Observation, ...], Equations]] = []
         self._cofactors: tuple[LinearSystem, CofactorColumns] | None = None
         self._reach = np.nan
-        self._kept: list[tuple[Equations, Hashable, SightRows | None]] = []
+        self._kept: list[tuple[Equations, Hashable, Any]] = []
 
     def cofactors(self, system: LinearSystem, solution: Callable[[], Solution]) -> CofactorColumns:
         """Return the cofactors of a system, which are made once for it."""
@@ -97,9 +105,7 @@ class SightMemory:
             self._reach = longest * (1.0 + margin)
         return self._reach
 
-    def kept(
-        self, places: Places, key: Hashable, make: Callable[[], SightRows | None]
-    ) -> SightRows | None:
+    def kept(self, places: Places, key: Hashable, make: Callable[[], Rows | None]) -> Rows | None:
         """Return the rows of a family of sights: those of an earlier question where they serve.
 
         Args:
@@ -109,7 +115,7 @@ class SightMemory:
         """
         mine = [k for k in self._kept if k[0] is places.equations and k[1] == key]
         others = [k for k in self._kept if k not in mine]
-        rows = mine[0][2] if mine else None
+        rows: Rows | None = mine[0][2] if mine else None
         if rows is None or not rows.possible(places):
             rows = make()
         self._kept = [*others[1 - MAX_KEPT :], (places.equations, key, rows)]
