@@ -32,9 +32,9 @@ from collections import Counter
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.stats import chi2
 
 from ..errors import InputError
+from ..statistical_tests import chi2_upper_quantile
 from ..types import Array
 from .gnss_fixes import GnssFix, Quality
 
@@ -108,7 +108,7 @@ def average_of(
         raise InputError("a covariance of a position is not positive definite") from None
     weights = weights.transpose(0, 2, 1) @ weights
     v = off - np.median(off, axis=0)
-    limit = float(chi2.isf(OUTLIER_ALPHA / len(fixes), 3))
+    limit = float(chi2_upper_quantile(OUTLIER_ALPHA / len(fixes), 3.0))
     kept = np.einsum("ni,nij,nj->n", v, weights, v) <= limit
     if np.count_nonzero(kept) <= MIN_SHARE * len(fixes) and len(fixes) > 1:
         what = f"{np.count_nonzero(~kept)} of {len(fixes)} positions differ from their median"

@@ -152,29 +152,39 @@ class Database:
         Raises:
             InputError: the database is of a newer version, or of an older one that is not served.
         """
+        from .tables import REVISION
+
+        with self._lock, self.engine.connect() as connection:
+            there = self.revision(connection)
+            if there == REVISION:  # alembic is imported where tables change: its import is slow
+                return
+            if not self._serves and there is not None:
+                what = (
+                    f"has tables of revision {there}, not {REVISION}: serve it with this version "
+                    "first"
+                )
+                raise InputError(Problem(what, self.where))
+            self._migrate(connection)
+            connection.commit()
+
+    def _migrate(self, connection: Connection) -> None:
+        """Create the tables, or bring them from an older revision to this one.
+
+        Raises:
+            InputError: the database is of a newer version.
+        """
         from alembic import command
         from alembic.config import Config
-        from alembic.runtime.migration import MigrationContext
-        from alembic.script import ScriptDirectory
         from alembic.util import CommandError
 
         config = Config()
         config.set_main_option("script_location", str(MIGRATIONS))
-        with self._lock, self.engine.connect() as connection:
-            config.attributes["connection"] = connection
-            there = MigrationContext.configure(connection).get_current_revision()
-            head = ScriptDirectory.from_config(config).get_current_head()
-            if not self._serves and there not in (None, head):
-                what = (
-                    f"has tables of revision {there}, not {head}: serve it with this version first"
-                )
-                raise InputError(Problem(what, self.where))
-            try:
-                command.upgrade(config, "head")
-            except CommandError as error:
-                what = f"was made by a newer version of this program ({error}): upgrade the program"
-                raise InputError(Problem(what, self.where)) from None
-            connection.commit()
+        config.attributes["connection"] = connection
+        try:
+            command.upgrade(config, "head")
+        except CommandError as error:
+            what = f"was made by a newer version of this program ({error}): upgrade the program"
+            raise InputError(Problem(what, self.where)) from None
 
     @contextmanager
     def reading(self) -> Iterator[Connection]:
@@ -225,11 +235,14 @@ class Database:
                 with suppress(Exception):
                     lost.close()
 
-    def revision(self, connection: Connection) -> str:
-        """Return the revision of the tables."""
-        from sqlalchemy import text
+    def revision(self, connection: Connection) -> str | None:
+        """Return the revision of the tables; None: there are none."""
+        from sqlalchemy import inspect, text
 
-        return str(connection.execute(text("select version_num from alembic_version")).scalar())
+        if not inspect(connection).has_table("alembic_version"):
+            return None
+        found = connection.execute(text("select version_num from alembic_version")).scalar()
+        return None if found is None else str(found)
 
     def number_on(self, connection: Connection) -> None:
         """Let numbers that the database gives go on after those of rows that were written."""

@@ -1,8 +1,8 @@
 """Tables of the database of a site, the same in SQLite and PostgreSQL.
 
 Times are seconds since 1970-01-01 UTC. Texts named ``data``, ``settings``, ``result`` and
-``answer`` are JSON. The migrations in ``migrations/versions`` create and change the tables; a test
-compares them with these definitions.
+``answer`` are JSON. The migrations in ``migrations/versions`` create and change the tables; tests
+compare them with these definitions, and `REVISION` with the newest of them.
 """
 
 from __future__ import annotations
@@ -21,6 +21,8 @@ from sqlalchemy import (
     UniqueConstraint,
 )
 
+REVISION = "0001"
+"""Revision of these tables: that of the newest migration."""
 MAX_LETTERS_OF_NAME = 200
 """Largest number of characters of names and of requests."""
 

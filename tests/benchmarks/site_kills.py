@@ -1,9 +1,11 @@
 """Kill a served site at N random moments: ``python -m tests.benchmarks.site_kills 500 [SEED]``.
 
-Three senders post from their outboxes, a follower takes the events. Afterwards everything that was
-acknowledged is there once, the chains of the journals are whole, and the estimates of all epochs
-are those of batch adjustments; see `tests.support.site_kills`. ``--postgresql`` takes a database of
-a PostgreSQL server that it starts.
+Three sender processes post from their outboxes and are killed now and then too, a follower takes
+the events, a browser has the page open. Afterwards everything that was acknowledged is there once,
+the chains of the journals are whole, the estimates of all epochs are those of batch adjustments,
+and the page has the last events and rows of the service, each once; see
+`tests.support.site_kills`. ``--postgresql`` takes a database of a PostgreSQL server that it starts;
+``--minutes`` ends the kills after a time.
 """
 
 from __future__ import annotations
@@ -24,16 +26,22 @@ def main() -> None:
     parser.add_argument("kills", type=int, nargs="?", default=500)
     parser.add_argument("seed", type=int, nargs="?", default=1)
     parser.add_argument("--postgresql", action="store_true")
+    parser.add_argument("--minutes", type=float, default=0.0)
     options = parser.parse_args()
+    until = time.time() + 60.0 * options.minutes if options.minutes else 0.0
     store = "postgresql" if options.postgresql else "sqlite"
     begun = time.monotonic()
     with storing_in(store), tempfile.TemporaryDirectory() as folder:
-        found = campaign(Path(folder), kills=options.kills, seed=options.seed)
+        found = campaign(
+            *(Path(folder),), kills=options.kills, seed=options.seed, page=True, until=until
+        )
         assert_nothing_is_lost_or_doubled(Path(folder), found)
     print(
-        f"{found.kills} kills in {time.monotonic() - begun:.0f} s on {store}: "
-        f"{len(found.put)} readings acknowledged, each there once; {len(found.numbers)} events "
-        f"followed without gap; restart {np.median(found.restarts):.2f} s (median)"
+        f"{found.kills} kills of the site and {found.sender_kills} of senders in "
+        f"{time.monotonic() - begun:.0f} s on {store}: {len(found.put)} readings, each there once; "
+        f"{len(found.numbers)} events followed without gap; the page has the last "
+        f"{len(found.page['events'])} and {len(found.page['rows'])} rows, each once; restart "
+        f"{np.median(found.restarts):.2f} s (median)"
     )
 
 

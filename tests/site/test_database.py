@@ -13,7 +13,7 @@ from sqlalchemy.engine import make_url
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.site import database as database_module
 from factorgraph_adj.site.database import Database, DatabaseAway
-from factorgraph_adj.site.tables import events, journal, metadata, requests
+from factorgraph_adj.site.tables import REVISION, events, journal, metadata, requests
 from tests.networks.yard import ARRIVALS
 from tests.support.postgresql import server
 from tests.support.processes import HANGS
@@ -33,7 +33,9 @@ def test_migrations_make_the_tables_that_the_program_uses(tmp_path):
 
     database = Database(database_of(tmp_path))
     with database.reading() as connection:
-        assert compare_metadata(MigrationContext.configure(connection), metadata) == []
+        context = MigrationContext.configure(connection)
+        assert compare_metadata(context, metadata) == []
+        assert context.get_current_revision() == database.revision(connection) == REVISION
     database.close()
 
 
