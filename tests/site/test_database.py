@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import threading
 
 import pytest
@@ -15,6 +17,7 @@ from factorgraph_adj.site import database as database_module
 from factorgraph_adj.site.database import Database, DatabaseAway
 from factorgraph_adj.site.tables import REVISION, events, journal, metadata, requests
 from tests.networks.yard import ARRIVALS
+from tests.support.places import ROOT
 from tests.support.postgresql import server
 from tests.support.processes import HANGS
 from tests.support.sites import ADDRESS, database_of, served, site_of, yard_of
@@ -37,6 +40,26 @@ def test_migrations_make_the_tables_that_the_program_uses(tmp_path):
         assert compare_metadata(context, metadata) == []
         assert context.get_current_revision() == database.revision(connection) == REVISION
     database.close()
+
+
+BEGUN_AGAIN = """
+import sys
+from factorgraph_adj.site.api import application
+from factorgraph_adj.site.site import Site
+from factorgraph_adj.site.site_file import read_site
+site = Site(read_site(sys.argv[1]))
+application(site)
+site.database.close()
+slow = {"alembic", "scipy.stats", "scipy.optimize", "plotly", "pandas", "matplotlib"}
+assert not slow & set(sys.modules), slow & set(sys.modules)
+"""
+
+
+def test_a_service_that_begins_again_loads_nothing_that_takes_long(tmp_path):
+    Database(database_of(tmp_path)).close()  # which makes the tables
+    command = [sys.executable, "-c", BEGUN_AGAIN, str(tmp_path)]
+    ran = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
+    assert ran.returncode == 0, ran.stderr
 
 
 def test_a_database_of_a_newer_version_is_refused(tmp_path):
