@@ -373,6 +373,15 @@ class StateQueries(metaclass=ChecksArguments):
         """The network as described, with the observations in the graph; not to be changed."""
         return self._state.ledger.described
 
+    @property
+    @one_at_a_time
+    def entities(self) -> Network:
+        """Points, photos, cameras and unknowns as described, without observations; not to change.
+
+        It costs nothing, while ``described`` goes through all observations after each arrival.
+        """
+        return self._state.ledger.network
+
     @one_at_a_time
     def determined(self, name: str) -> bool:
         """Return whether a point is determined."""

@@ -366,8 +366,7 @@ class Ledger:
 
     def count(self, outcome: Outcome) -> int:
         """Return the number of observations with an outcome."""
-        found = self.having(outcome)
-        return len(self.rows.images(found)) + sum(len(u.ids) for _, u in self.rows.units(found))
+        return self.rows.count(outcome)
 
     def find(self, ids: Iterable[str]) -> Index:
         """Return the rows of ids, correlated groups as a whole."""

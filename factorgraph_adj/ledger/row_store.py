@@ -205,6 +205,8 @@ class RowColumns:
         """Rows by all ids except photo/point, the latest last."""
         self.joint_images: list[int] = []
         """Rows of units that are image points with a joint covariance."""
+        self.groups: list[int] = []
+        """Rows of units that are several observations."""
         self.made: dict[int, Unit] = {}
         """Image points that have been made into units since the last line of the journal."""
         for row, ident in self.ids.items():
@@ -236,6 +238,8 @@ class RowColumns:
             self.units[n + row] = unit
             if isinstance(unit.observations[0], ImagePoint):
                 self.joint_images.append(n + row)
+            if len(unit.ids) > 1:
+                self.groups.append(n + row)
             for ident in unit.ids:
                 self.rows.setdefault(ident, []).append(n + row)
 
@@ -318,6 +322,12 @@ class RowStore:
     def having(self, outcome: Outcome) -> Index:
         """Return the rows that have an outcome."""
         return np.flatnonzero(self.status == OUTCOME_CODE[outcome])
+
+    def count(self, outcome: Outcome) -> int:
+        """Return the number of observations that have an outcome; a group is several."""
+        mine = self.status == OUTCOME_CODE[outcome]
+        groups = (row for row in self.room.groups if row < self.n and mine[row])
+        return int(np.count_nonzero(mine)) + sum(len(self.room.units[r].ids) - 1 for r in groups)
 
     def among(self, rows: Index, outcome: Outcome) -> Index:
         """Return those of some rows that have an outcome."""

@@ -70,6 +70,33 @@ class Answers:
             "waiting": self.latest_waiting(),
         }
 
+    def arrivals(self, found: Arrival, sizes: Sequence[int]) -> list[Answer]:
+        """Return an answer to each of several lines that came together.
+
+        Each has its own verdict, or verdicts of a group, and the points that these touch. What else
+        has changed is in the last answer.
+
+        Args:
+            found: the result of their arrival.
+            sizes: number of observations of each line.
+        """
+        whole = self.arrival(found)
+        verdicts, points = whole.pop("verdicts"), {p["name"]: p for p in whole.pop("points")}
+        given = [v for v in found.verdicts if not v.entered]
+        assert len(given) == sum(sizes), "each given observation has a verdict"
+        nothing = {n: type(what)() for n, what in whole.items() if n != "waiting"}
+        out, end = [], 0
+        for size in sizes:
+            begin, end = end, end + size
+            touched = (n for v in given[begin:end] if v.verdict == "accepted" for n in v.points)
+            own = [points[n] for n in dict.fromkeys(touched) if n in points]
+            said = verdicts[begin] if size == 1 else {"verdicts": verdicts[begin:end]}
+            out.append(said | nothing | {"points": own, "waiting": whole["waiting"]})
+        shown = {p["name"] for answer in out for p in answer["points"]}
+        others = [p for n, p in points.items() if n not in shown]
+        out[-1] |= whole | {"points": [*out[-1]["points"], *others]}
+        return out
+
     def points_of(self, ids: Iterable[str]) -> list[str]:
         """Return the points of observations."""
         names = (n for i in ids for n in self.adjustment.observation(i).points())
@@ -79,7 +106,7 @@ class Answers:
         """Return the free points with coordinates, and the names of the undetermined ones."""
         found, lost = [], []
         for name in names:
-            if all(self.adjustment.described.points[name].fixed):
+            if all(self.adjustment.entities.points[name].fixed):
                 continue
             try:
                 found.append(self.estimate(name))
@@ -149,7 +176,7 @@ class Answers:
 
     def _scale(self, v: Verdict | Rejected | Unresolved) -> Scale:
         """Return the units of an observation."""
-        network = self.adjustment.described
+        network = self.adjustment.entities
         unit = observation_kind(v.kind).unit
         if unit == "image" and network.cameras:
             scales = {image_scale(c) for c in network.cameras.values()}
@@ -191,7 +218,7 @@ class Answers:
 
     def calibration(self, name: str, e: CalibrationEstimate) -> Answer:
         """Return a calibration in units and axes of the camera's files."""
-        e = image_axes.calibration_in_files(self.adjustment.described, name, e)
+        e = image_axes.calibration_in_files(self.adjustment.entities, name, e)
         return {
             "name": name,
             "unit": e.unit,

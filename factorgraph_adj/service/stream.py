@@ -103,8 +103,10 @@ The first line, before any input is read, has ``ready``, ``name``, ``units``, nu
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from threading import RLock
 from time import perf_counter
@@ -157,7 +159,7 @@ class Stream:
         """
         self._lock = RLock()
         self.adjustment = adjustment
-        described = adjustment.described
+        described = adjustment.entities
         self.frame = described.frame
         self.power = power
         self.context = requests.context_with_image_axes(context or RecordContext(), described)
@@ -202,13 +204,45 @@ class Stream:
     @one_at_a_time
     def answer_record(self, fields: Mapping[str, Any], number: int) -> Answer:
         """Answer the fields of a line, as `answer` does."""
-        return self._answer(lambda: dict(fields), number)
+        return self._answer(partial(dict, fields), number)
 
-    def _answer(self, given: Callable[[], dict[str, Any]], number: int) -> Answer:
+    @one_at_a_time
+    def answer_together(
+        self, records: Sequence[Mapping[str, Any]], number: int, *, time: float | None = None
+    ) -> list[Answer]:
+        """Answer the fields of lines that came together, each one observation or group.
+
+        They are one arrival: each is tested against everything that is there, the others among
+        them. A faulty one refuses itself alone.
+
+        Args:
+            records: the fields of the lines.
+            number: number of the first one.
+            time: when they came, seconds, where the adjustment keeps seconds.
+        """
+        if len(records) > 1:
+            with suppress(AdjustmentError):  # each is told alone then what is wrong with it
+                begun = perf_counter()
+                told = self._observations(records, time)
+                counts, seconds = self.answers.counts(), round(perf_counter() - begun, 6)
+                after = {"counts": counts, "seconds": seconds}
+                answers = (
+                    {"line": n, "ok": True, **a, **after} for n, a in enumerate(told, number)
+                )
+                return [dict(finite_json(answer)) for answer in answers]
+        lines = enumerate(map(dict, records), number)
+        return [self._answer(partial(dict, fields), n, time) for n, fields in lines]
+
+    def _answer(
+        self, given: Callable[[], dict[str, Any]], number: int, time: float | None = None
+    ) -> Answer:
         begun = perf_counter()
         try:
             fields = given()
-            said = self._command(fields) if "do" in fields else self._observation(fields)
+            if "do" in fields:
+                said = self._command(fields)
+            else:
+                (said,) = self._observations([fields], time)
             out: Answer = {"line": number, "ok": True, **said}
         except AdjustmentError as error:
             out = refusal(number, error)
@@ -238,15 +272,18 @@ class Stream:
             requests.refuse_noted_problems(row)
         return {"do": do, **command.run(self, row)}
 
-    def _observation(self, fields: Mapping[str, object]) -> Answer:
-        """Add the single observation of a line."""
-        if "kind" not in fields:
-            what = "neither an observation (kind) nor a command (do)"
-            raise InputError(Problem(f"{what}; fields: {known(fields, most=6)}"))
-        given = requests.observation_of_record(fields, self.context)
-        out = self.answers.arrival(self.adjustment.add(given))
-        verdicts = out.pop("verdicts")
-        return {**(verdicts[0] if len(verdicts) == 1 else {"verdicts": verdicts}), **out}
+    def _observations(
+        self, records: Sequence[Mapping[str, object]], time: float | None
+    ) -> list[Answer]:
+        """Add the observations of lines."""
+        given = []
+        for fields in records:
+            if "kind" not in fields:
+                what = "neither an observation (kind) nor a command (do)"
+                raise InputError(Problem(f"{what}; fields: {known(fields, most=6)}"))
+            given.append(requests.observation_of_record(fields, self.context))
+        sizes = [len(o.observations) if isinstance(o, Correlated) else 1 for o in given]
+        return self.answers.arrivals(self.adjustment.add(given, time=time), sizes)
 
     # -- commands that change the graph ---------------------------------------------------------
 

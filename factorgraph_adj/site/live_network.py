@@ -7,8 +7,10 @@ was answered, marked ``repeated``.
 
 One thread executes the postings of a network in the order in which they came. All that are there at
 once share one transaction, which holds the lines of the journal, the requests with their answers,
-and the events; after it, and only then, the senders get their answers. Where it fails, the state in
-memory is dropped and read again from the database.
+and the events; after it, and only then, the senders get their answers. Readings among them that
+follow each other are one arrival of their epoch: each is tested against everything that is there,
+the others too. Where the transaction fails, the state in memory is dropped and read again from the
+database.
 
 The clock of a network is the time of its latest posting plus the time that has passed since that
 came: epochs of a simulation that runs fast end as epochs of a real day do. A posting belongs to the
@@ -18,7 +20,6 @@ revision.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import queue
 import threading
@@ -26,7 +27,6 @@ import time as clock
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from ..errors import AdjustmentError, InputError, Problem
@@ -37,16 +37,8 @@ from .alarm_tables import SiteAlarm
 from .database import Database, DatabaseAway
 from .epoch_results import epoch_result, record_result
 from .live_epochs import LiveEpoch, LiveEpochs
-from .postings import (
-    COMMANDS_THAT_CHANGE,
-    QUERIES,
-    OtherRequest,
-    named_ids,
-    posting_request,
-    posting_time,
-    recorded_request,
-    repeated_answer,
-)
+from .postings import QUERIES, OtherRequest, Posting, named_ids, recorded_request, repeated_answer
+from .postings_written import Batch, Task
 from .site_file import NetworkSettings
 from .surveillance import Surveillance, shown_findings
 
@@ -63,29 +55,6 @@ IDLE_SECONDS = 0.5
 
 class Overloaded(AdjustmentError):
     """Too many postings wait."""
-
-
-@dataclass
-class _Task:
-    """What waits for the thread of a network: a posting, or a call."""
-
-    record: dict[str, Any]
-    who: str
-    received: float
-    future: Future[Answer]
-    call: Callable[[], Answer] | None = None
-
-
-@dataclass
-class _Batch:
-    """What one transaction will hold."""
-
-    answered: list[tuple[_Task, Answer]] = field(default_factory=list)
-    requests: list[dict[str, Any]] = field(default_factory=list)
-    events: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
-    actions: list[dict[str, Any]] = field(default_factory=list)
-    steps: list[Callable[[Connection], None]] = field(default_factory=list)
-    """What is done first in the transaction; steps may add events."""
 
 
 class LiveNetwork:
@@ -112,7 +81,7 @@ class LiveNetwork:
         self.settings, self.project, self._database = settings, project, database
         self._changed, self.surveillance = changed, Surveillance(settings, alarms)
         self._lock = threading.RLock()
-        self._tasks: queue.Queue[_Task | None] = queue.Queue()
+        self._tasks: queue.Queue[Task | None] = queue.Queue()
         self._stale: dict[int, float] = {}
         self._clock = (0.0, clock.monotonic())
         self._lines = 0
@@ -146,12 +115,12 @@ class LiveNetwork:
         Raises:
             Overloaded: too many postings wait.
         """
-        task = _Task(dict(record), who, clock.time(), Future())
+        task = Task(dict(record), who, clock.time(), Future())
         return self._submit(task)
 
     def close_epoch(self, who: str = "") -> Future[Answer]:
         """End the present epoch; the answer has its result."""
-        task = _Task({"do": "close epoch"}, who, clock.time(), Future())
+        task = Task({"do": "close epoch"}, who, clock.time(), Future())
         return self._submit(task)
 
     def drop_readings(self, before: float) -> list[int]:
@@ -172,7 +141,7 @@ class LiveNetwork:
         with self._lock:
             self._execute([], ends=True)
 
-    def _submit(self, task: _Task) -> Future[Answer]:
+    def _submit(self, task: Task) -> Future[Answer]:
         if self._tasks.qsize() >= MAX_WAITING_POSTINGS:
             raise Overloaded(
                 f"{MAX_WAITING_POSTINGS} postings of {self.settings.name} wait: send it later"
@@ -238,7 +207,7 @@ class LiveNetwork:
         timed = self.settings.epochs.length is not None
         self._epochs.new(0 if measured or timed else 1, (clock.time(), None))
         if timed:
-            epoch, batch = self._epochs.epoch(0), _Batch()
+            epoch, batch = self._epochs.epoch(0), Batch()
             self._close(epoch, batch)
             self._commit(batch)
 
@@ -247,7 +216,7 @@ class LiveNetwork:
     def _run(self) -> None:
         """Execute tasks until the network stops."""
         while True:
-            tasks: list[_Task] = []
+            tasks: list[Task] = []
             ends = False
             try:
                 first = self._tasks.get(timeout=IDLE_SECONDS)
@@ -271,14 +240,13 @@ class LiveNetwork:
             if ends:
                 return
 
-    def _execute(self, tasks: Sequence[_Task], *, ends: bool) -> None:
+    def _execute(self, tasks: Sequence[Task], *, ends: bool) -> None:
         """Answer tasks, close what has ended, and write it all in one transaction."""
-        batch = _Batch()
+        batch = Batch()
         # Who has given up waiting was not acknowledged anything: it is not executed.
         tasks = [t for t in tasks if t.future.set_running_or_notify_cancel()]
         try:
-            for task in tasks:
-                self._one(task, batch)
+            self._answer_all(tasks, batch)
             self._close_what_ended(batch, idle=not tasks, ends=ends)
             self._commit(batch)
         except DatabaseAway as error:
@@ -293,66 +261,111 @@ class LiveNetwork:
         if batch.events:
             self._changed()
 
-    def _one(self, task: _Task, batch: _Batch) -> None:
-        """Answer a posting."""
-        self._lines += 1
+    def _answer_all(self, tasks: Sequence[Task], batch: Batch) -> None:
+        """Answer postings in order; readings of one epoch in a row arrive together."""
+        lot: list[Posting] = []
+        for task in tasks:
+            try:
+                posting = Posting.of(task, self._clock[0])
+            except AdjustmentError as error:
+                self._answer_lot(lot, batch)
+                lot = []
+                self._lines += 1
+                batch.answered.append((task, refusal(self._lines, error)))
+                continue
+            if lot and not (posting.joins(lot) and self._are_of_one_epoch(lot[0], posting)):
+                self._answer_lot(lot, batch)
+                lot = []
+            lot.append(posting)
+        self._answer_lot(lot, batch)
+
+    def _are_of_one_epoch(self, first: Posting, other: Posting) -> bool:
+        schedule = self.settings.epochs
+        if schedule.length is None:
+            return True
+        begun = self.begun or first.time
+        return schedule.number(first.time, begun) == schedule.number(other.time, begun)
+
+    def _answer_lot(self, lot: list[Posting], batch: Batch) -> None:
+        """Answer postings that arrive together: readings, or one posting of any kind."""
+        first = self._lines + 1
+        self._lines += len(lot)
+        new: list[Posting] = []
+        answers: dict[int, Answer] = {}
+        for line, posting in enumerate(lot, first):
+            try:
+                again = self._repeated(posting, batch)
+            except OtherRequest as error:
+                again = refusal(line, error) | {"conflict": True}
+            if again is None:
+                new.append(posting)
+            else:
+                answers[id(posting)] = again
         try:
-            answer = self._answer(task, batch)
-        except OtherRequest as error:
-            answer = refusal(self._lines, error) | {"conflict": True}
+            told = self._told(new, first, batch) if new else []
         except DatabaseAway:
             raise
         except AdjustmentError as error:
-            answer = refusal(self._lines, error)
-        batch.answered.append((task, answer))
+            told = [refusal(line, error) for line in range(first, first + len(new))]
+        answers |= {id(posting): answer for posting, answer in zip(new, told, strict=True)}
+        batch.answered += [(posting.task, answers[id(posting)]) for posting in lot]
 
-    def _answer(self, task: _Task, batch: _Batch) -> Answer:
-        record = dict(task.record)
-        if record.get("do") == "close epoch":
+    def _told(self, lot: list[Posting], line: int, batch: Batch) -> list[Answer]:
+        """Execute postings that arrive together, the first one on a line, and note what follows."""
+        task, do, time = lot[0].task, lot[0].do, max(posting.time for posting in lot)
+        if do == "close epoch":
             epoch = self._epochs.present
             if epoch.state != "open":
                 raise InputError(f"epoch {epoch.number} is closed already")
             result = self._close(epoch, batch)
-            batch.actions.append(_action(task, "close epoch", {"epoch": epoch.number}))
-            return {"line": self._lines, "ok": True, **epoch.summary(), "result": result}
-        time, request = posting_time(record, self._clock[0], task.received), posting_request(record)
-        digest = hashlib.sha256(json.dumps(task.record, sort_keys=True).encode()).hexdigest()
-        if request and (again := self._repeated(request, digest, batch)) is not None:
-            return again
-        do = record.get("do", "add")
-        if do not in COMMANDS_THAT_CHANGE | QUERIES and isinstance(do, str):
-            raise InputError(Problem(f"{do!r} is no command of the service", "do"))
+            batch.actions.append(task.action(do, {"epoch": epoch.number}))
+            return [{"line": line, "ok": True, **epoch.summary(), "result": result}]
         there = {row["number"] for row in self._epochs.rows()}
         epoch = self._epochs.present if do in QUERIES else self._epoch_at(time)
-        if self.settings.keep_seconds is not None and do == "add":
-            record["time"] = time
-        answer = epoch.stream.answer_record(record, self._lines) | {"epoch": epoch.number}
-        if answer["ok"] and do not in QUERIES:
+        keeps = self.settings.keep_seconds is not None
+        if lot[0].is_reading:
+            records = [posting.record for posting in lot]
+            told = epoch.stream.answer_together(records, line, time=time if keeps else None)
+        else:
+            record = lot[0].record | ({"time": time} if keeps and do == "add" else {})
+            told = [epoch.stream.answer_record(record, line)]
+        told = [answer | {"epoch": epoch.number} for answer in told]
+        for posting, answer in zip(lot, told, strict=True):
+            self._note(posting, epoch, answer, batch)
+        if epoch.number not in there and not any(answer["ok"] for answer in told):
+            self._epochs.forget(epoch)  # nothing has come for it
+        return told
+
+    def _note(self, posting: Posting, epoch: LiveEpoch, answer: Answer, batch: Batch) -> None:
+        """Note what follows from an answer: a request, events, a result that lacks the reading."""
+        task, do, time = posting.task, posting.do, posting.time
+        about = {"epoch": epoch.number, "time": time, "by": task.who}
+        if not answer["ok"]:
+            if do == "add":
+                batch.events.append(("refused", about | {"answer": answer}))
+        elif do not in QUERIES:
             if epoch.state != "open":
                 self._stale[epoch.number] = clock.monotonic()
                 self._reopen(epoch, batch)
-            if request:
-                row = {"network": self.id, "request": request, "digest": digest}
+            if posting.request:
+                row = {"network": self.id, "request": posting.request, "digest": posting.digest}
                 row |= {"at": task.received, "answer": json.dumps(answer)}
                 batch.requests.append(row)
             if time > self._clock[0]:
                 self._clock = time, clock.monotonic()
-            about = {"epoch": epoch.number, "do": do, "time": time, "by": task.who}
-            batch.events.append(("arrival", about | named_ids(task.record) | answer))
+            named = named_ids(task.record)
+            batch.events.append(("arrival", about | {"do": do} | named | answer))
             if do != "add":
-                batch.actions.append(_action(task, str(do), task.record))
-        elif not answer["ok"] and epoch.number not in there:
-            self._epochs.forget(epoch)  # nothing has come for it
-        if not answer["ok"] and do == "add":
-            about = {"epoch": epoch.number, "time": time, "by": task.who, "answer": answer}
-            batch.events.append(("refused", about))
-        return answer
+                batch.actions.append(task.action(do, task.record))
 
-    def _repeated(self, request: str, digest: str, batch: _Batch) -> Answer | None:
+    def _repeated(self, posting: Posting, batch: Batch) -> Answer | None:
         """Return the answer that a request has had already."""
+        request = posting.request
+        if not request:
+            return None
         now = next((r for r in batch.requests if r["request"] == request), None)
         row = now or recorded_request(self._database, self.id, request)
-        return None if row is None else repeated_answer(row, digest)
+        return None if row is None else repeated_answer(row, posting.digest)
 
     def _epoch_at(self, time: float) -> LiveEpoch:
         """Return the epoch of a time, which begins where there is none."""
@@ -384,7 +397,7 @@ class LiveNetwork:
 
     # -- end of epochs ----------------------------------------------------------------------------
 
-    def _close_what_ended(self, batch: _Batch, *, idle: bool, ends: bool) -> None:
+    def _close_what_ended(self, batch: Batch, *, idle: bool, ends: bool) -> None:
         """Close epochs whose time has passed, and compute again what got late readings."""
         schedule, now = self.settings.epochs, self.now()
         if schedule.length is not None:
@@ -398,7 +411,7 @@ class LiveNetwork:
             if row["state"] == "reopened" and clock.monotonic() - since >= waited:
                 self._close(self._epochs.epoch(row["number"]), batch)
 
-    def _reopen(self, epoch: LiveEpoch, batch: _Batch) -> None:
+    def _reopen(self, epoch: LiveEpoch, batch: Batch) -> None:
         """Record that the result of an epoch lacks late readings, in the transaction of these."""
         from sqlalchemy import update
 
@@ -414,7 +427,7 @@ class LiveNetwork:
             told = {"epoch": epoch.number, "what": "reopened", **epoch.summary()}
             batch.events.append(("epoch", told))
 
-    def _close(self, epoch: LiveEpoch, batch: _Batch) -> dict[str, Any]:
+    def _close(self, epoch: LiveEpoch, batch: Batch) -> dict[str, Any]:
         """Settle an epoch and record its result."""
         inc = epoch.stream.adjustment
         if len(inc):
@@ -430,7 +443,7 @@ class LiveNetwork:
         return {k: v for k, v in result.items() if k != "estimate"}
 
     def _surveyed(
-        self, epoch: LiveEpoch, result: dict[str, Any], batch: _Batch
+        self, epoch: LiveEpoch, result: dict[str, Any], batch: Batch
     ) -> dict[str, Any] | None:
         """Return what an epoch tells, and let alarms be raised and cleared."""
         survey = self.surveillance
@@ -458,31 +471,10 @@ class LiveNetwork:
 
     # -- transactions -----------------------------------------------------------------------------
 
-    def _commit(self, batch: _Batch) -> None:
+    def _commit(self, batch: Batch) -> None:
         """Write lines, requests and events in one transaction."""
-        from sqlalchemy import insert
-
-        from .tables import actions, events, journal, requests
-
         lines = self._epochs.pending_lines()
-        if not (lines or batch.steps or batch.requests or batch.events or batch.actions):
-            return
-        at = clock.time()
-        with self._database.writing() as connection:
-            if lines:
-                connection.execute(insert(journal), lines)
-            for step in batch.steps:
-                step(connection)
-            happened = [
-                {"network": self.id, "at": at, "kind": kind, "data": json.dumps(data)}
-                for kind, data in batch.events
-            ]
-            inserts = ((requests, batch.requests), (events, happened), (actions, batch.actions))
-            for table, rows in inserts:
-                if rows:
-                    connection.execute(insert(table), rows)
+        if lines or batch.has_changes:
+            with self._database.writing() as connection:
+                batch.write(connection, self.id, lines)
         self.away = ""
-
-
-def _action(task: _Task, action: str, data: Mapping[str, Any]) -> dict[str, Any]:
-    return {"at": task.received, "who": task.who, "action": action, "data": json.dumps(data)}

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import time as clock
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from ..errors import AdjustmentError, InputError, Problem
 from ..service.answers import Answer
 from .database import Database
+from .postings_written import Task
 
 MAX_LETTERS_OF_REQUEST = 200
 """Largest number of characters of a request, as its column in the database."""
@@ -30,6 +33,54 @@ QUERIES = frozenset(
 
 class OtherRequest(AdjustmentError):
     """A request with the same name asked something else."""
+
+
+@dataclass(frozen=True, eq=False)
+class Posting:
+    """A posting, whose own fields have been read."""
+
+    task: Task
+    """What waits for the answer."""
+    record: dict[str, Any]
+    """What the stream of an epoch takes."""
+    do: str
+    """Its command; ``add`` where it is a reading."""
+    time: float
+    """When it was measured, seconds UTC."""
+    request: str
+    """Its request; empty: none."""
+    digest: str
+    """Digest of all its fields."""
+
+    @classmethod
+    def of(cls, task: Task, latest: float) -> Posting:
+        """Read what a posting says beside its content.
+
+        Args:
+            task: the posting.
+            latest: time of the latest posting of the network, seconds UTC.
+
+        Raises:
+            InputError: a bad time or request, or an unknown command.
+        """
+        record, do = dict(task.record), task.record.get("do", "add")
+        if do == "close epoch":
+            return cls(task, record, do, task.received, "", "")
+        time, request = posting_time(record, latest, task.received), posting_request(record)
+        digest = hashlib.sha256(json.dumps(task.record, sort_keys=True).encode()).hexdigest()
+        if not isinstance(do, str) or do not in COMMANDS_THAT_CHANGE | QUERIES:
+            raise InputError(Problem(f"{do!r} is no command of the service", "do"))
+        return cls(task, record, do, time, request, digest)
+
+    @property
+    def is_reading(self) -> bool:
+        """Whether it is one observation, or a group."""
+        return "do" not in self.record
+
+    def joins(self, lot: Sequence[Posting]) -> bool:
+        """Return whether it can arrive together with others: all are readings, no request twice."""
+        twice = self.request and any(p.request == self.request for p in lot)
+        return self.is_reading and lot[0].is_reading and not twice
 
 
 def posting_time(record: dict[str, Any], latest: float, received: float) -> float:

@@ -9,13 +9,16 @@ import pytest
 from sqlalchemy import event, func, select
 
 from factorgraph_adj.errors import InputError
+from factorgraph_adj.service.stream import Stream
 from factorgraph_adj.site.database import DatabaseAway
 from factorgraph_adj.site.tables import epochs, journal, requests
 from tests.networks.yard import ARRIVALS, WRONG
-from tests.support.sites import site_of, yard_of
+from tests.support.sites import readings, site_of, until, yard_of
 
 pytestmark = pytest.mark.usefixtures("store")
 HOUR = 3600.0
+BARE = [{k: v for k, v in a.items() if k != "id"} for a in ARRIVALS]
+"""The readings of the yard without ids of their own, so that they may come again."""
 BEGIN = 1_700_000_000.0 - 1_700_000_000.0 % HOUR
 
 
@@ -50,6 +53,84 @@ def test_a_request_is_executed_once_and_answered_again(tmp_path):
         assert not other["ok"] and other["conflict"]
         with live.reading() as epoch:
             assert len(epoch.stream.adjustment) == len(ARRIVALS)
+
+
+def lots(monkeypatch):
+    """Return a list that takes how many readings arrived together each time."""
+    together, of_stream = [], Stream.answer_together
+
+    def counted(self, records, *rest, **options):
+        together.append(len(records))
+        return of_stream(self, records, *rest, **options)
+
+    monkeypatch.setattr(Stream, "answer_together", counted)
+    return together
+
+
+def submitted(live, *records):
+    """Post records while the network's thread is held up: they wait together."""
+    with live.reading():
+        live.submit({"do": "waiting"})  # the thread waits for the lock with this one
+        until(lambda: not live.waiting_postings)
+        futures = [live.submit(r) for r in records]
+    return [f.result(30) for f in futures]
+
+
+def test_readings_that_wait_together_arrive_together(tmp_path, monkeypatch):
+    together = lots(monkeypatch)
+    requested = [{**a, "request": f"r{n}"} for n, a in enumerate(BARE)]
+    bad = {**BARE[0], "target": "NOWHERE", "request": "bad"}
+    other = {**WRONG, "request": "r0"}
+    with site_of(tmp_path) as site:
+        live = yard_of(site)
+        question = {"do": "estimate", "point": "C"}
+        given = [*requested, requested[1], other, question, BARE[0]]
+        answers = submitted(live, *given)
+        n = len(ARRIVALS)
+        assert together == [n, 1], "a repetition, another content and a question are no readings"
+        assert all(a["verdict"] == "accepted" for a in answers[:n])
+        assert len({a["id"] for a in answers[:n]}) == n
+        assert answers[n]["repeated"] and answers[n]["id"] == answers[1]["id"]
+        assert answers[n + 1]["conflict"]
+        assert answers[n + 2]["name"] == "C"
+        assert answers[n + 3]["counts"]["observations"] == n + 1
+        with live.reading() as epoch:
+            assert len(epoch.stream.adjustment) == n + 1
+            estimate = epoch.stream.adjustment.estimate("C")
+            sigma = epoch.stream.adjustment.standard_deviations("C")
+        # A faulty one refuses itself alone.
+        good = [{**a, "request": f"s{k}"} for k, a in enumerate(BARE)]
+        answers = submitted(live, good[0], bad, *good[1:])
+        assert [a["ok"] for a in answers] == [True, False] + [True] * (n - 1)
+        assert "NOWHERE" in str(answers[1]["error"])
+        events = [e.data for e in site.events.after(0) if e.kind == "arrival"]
+        assert [e["id"] for e in events] == list(dict.fromkeys(e["id"] for e in events))
+        assert len(events) == 2 * n + 1
+    alone = tmp_path / "alone"
+    alone.mkdir()
+    with site_of(alone) as site:
+        for record in [*requested, BARE[0]]:
+            posted(yard_of(site), record)
+        with yard_of(site).reading() as epoch:
+            assert np.all(np.abs(epoch.stream.adjustment.estimate("C") - estimate) < 0.02 * sigma)
+
+
+def test_a_wrong_reading_among_those_that_wait_is_the_one_that_is_rejected(tmp_path, monkeypatch):
+    together = lots(monkeypatch)
+    with site_of(tmp_path) as site:
+        answers = submitted(yard_of(site), *BARE, WRONG, *BARE)
+    assert together == [2 * len(ARRIVALS) + 1]
+    verdicts = [a["verdict"] for a in answers]
+    assert verdicts == ["accepted"] * len(ARRIVALS) + ["rejected"] + ["accepted"] * len(ARRIVALS)
+
+
+def test_readings_of_two_epochs_do_not_arrive_together(tmp_path, monkeypatch):
+    together = lots(monkeypatch)
+    first, second = readings(0), readings(1)
+    with site_of(tmp_path, epochs="1 h") as site:
+        answers = submitted(yard_of(site), *first, *second)
+    assert together == [len(first), len(second)]
+    assert [a["epoch"] for a in answers] == [1] * len(first) + [2] * len(second)
 
 
 def test_a_refused_posting_may_come_again_under_the_same_request(tmp_path):
@@ -148,7 +229,8 @@ def test_a_fault_of_the_program_leaves_no_lines_behind(tmp_path, monkeypatch):
 
 def test_a_changed_line_is_found(tmp_path):
     with site_of(tmp_path) as site:
-        posted(yard_of(site), *ARRIVALS)
+        for arrival in ARRIVALS:
+            posted(yard_of(site), arrival)
         with site.database.writing() as connection:
             line = connection.execute(select(journal.c.text).where(journal.c.line == 3)).scalar()
             changed = journal.update().where(journal.c.line == 3)
