@@ -199,10 +199,12 @@ class LiveEpochs:
         row: dict[str, Any] = {"network": self._network, "number": number}
         row |= {"begin": bounds[0], "end": bounds[1]}
         row |= {"state": "open", "revision": 0}
+        # The rows in memory have states that are not written yet: they are not read again.
+        rows = self.rows()
         with self._database.writing() as connection:
             made = connection.execute(insert(epochs).values(**row))
             (key,) = made.inserted_primary_key or (0,)
-        self._rows = None
+        self._rows = sorted([*rows, {"id": int(key), **row}], key=lambda r: r["number"])
         journal = self._journal_of(int(key), number)
         adjustment = self._begun_adjustment(number, journal)
         return self._keep({"id": int(key), **row}, adjustment, journal)
@@ -217,7 +219,7 @@ class LiveEpochs:
             connection.execute(delete(journal).where(journal.c.epoch == epoch.id))
             connection.execute(delete(epochs).where(epochs.c.id == epoch.id))
         self._loaded.pop(epoch.number, None)
-        self._rows = None
+        self._rows = [row for row in self.rows() if row["number"] != epoch.number]
 
     # -- writing ----------------------------------------------------------------------------------
 

@@ -437,6 +437,7 @@ class LiveNetwork:
         self._stale.pop(epoch.number, None)
         result = epoch_result(epoch.stream, epoch.number, self._middle(epoch))
         result["findings"] = self._surveyed(epoch, result, batch)
+        batch.results[epoch.number] = result
         batch.steps.append(lambda c: record_result(c, epoch.id, epoch.revision, result))
         what = "closed" if epoch.revision == 1 else "result"
         batch.events.append(("epoch", {"epoch": epoch.number, "what": what, **epoch.summary()}))
@@ -449,7 +450,11 @@ class LiveNetwork:
         survey = self.surveillance
 
         def rows() -> list[dict[str, Any]]:
-            return self._epochs.read_rows(results=True)
+            found = self._epochs.read_rows(results=True)
+            # Epochs that end in the same transaction have no result in the database yet.
+            return [
+                row | {"result": batch.results.get(row["number"], row["result"])} for row in found
+            ]
 
         try:
             found = survey.findings(rows, epoch, result)

@@ -48,6 +48,8 @@ class Batch:
     """Rows of decisions."""
     steps: list[Callable[[Connection], None]] = field(default_factory=list)
     """What is done first in the transaction; steps may add events."""
+    results: dict[int, dict[str, Any]] = field(default_factory=dict)
+    """Results of epochs that the transaction will record, by numbers."""
 
     @property
     def has_changes(self) -> bool:

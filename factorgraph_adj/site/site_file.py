@@ -54,6 +54,8 @@ class NetworkSettings:
     """Patterns of names of points that may move, such as ``D*``."""
     keep_seconds: float | None = None
     """Time for which observations of an open epoch are kept before they are retired, seconds."""
+    reference_epochs: int = 1
+    """Number of the first epochs whose mean is the reference."""
 
 
 @dataclass(frozen=True)
@@ -193,6 +195,9 @@ def _network(row: FieldRow, folder: Path) -> NetworkSettings:
     reference, keep = row.number("reference"), row.number("keep_seconds", positive=True)
     if reference is not None and (reference < 0 or not float(reference).is_integer()):
         row.wrong(f"reference {reference:g} is no number of an epoch: 0, 1, 2 …")
+    several = row.number("reference_epochs", positive=True)
+    if several is not None and not float(several).is_integer():
+        row.wrong(f"reference_epochs {several:g} is no number of epochs: 1, 2, 3 …")
     objects = row.take("objects")
     if objects is not None and not (
         isinstance(objects, list) and all(isinstance(o, str) and o for o in objects)
@@ -205,6 +210,7 @@ def _network(row: FieldRow, folder: Path) -> NetworkSettings:
         None if reference is None else int(reference),
         tuple(cast(list[str], objects or ())),
         keep,
+        1 if several is None else int(several),
     )
 
 

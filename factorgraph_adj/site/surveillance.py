@@ -104,6 +104,7 @@ class Surveillance:
             self.rules,
             interval=DEFAULT_INTERVAL if length is None else length,
             objects=self.settings.objects or ("*",),
+            reference_epochs=self.settings.reference_epochs,
         )
 
     @property

@@ -1,8 +1,9 @@
-"""False alarms and detections of a watched dam: ``python -m tests.benchmarks.monitoring [N]``.
+"""False alarms and detections of a dam: ``python -m tests.benchmarks.monitoring [N [SEED]]``.
 
-Plays N = 200 times thirty days of the dam of `tests.networks.dam`, an epoch every day through
-`adjust`, with weather, refraction and outages, two displacements of 1.5 times the detectable size,
-one of exactly the detectable size, and one slow creep. The first four days are the reference.
+Plays N = 200 times, with seeds from SEED = 0 on, thirty days of the dam of `tests.networks.dam`, an
+epoch every day through `adjust`, with weather, refraction and outages, two displacements of 1.5
+times the detectable size, one of exactly the detectable size, and one slow creep. The first four
+days are the reference.
 Prints how many false alarms every rule raised and how often it found what moved, beside what it
 states, with the interval in which 99 % of such counts lie (Poisson, binomial); what there is after
 every tenth part of N goes to standard error.
@@ -286,10 +287,11 @@ def rows(played: Played) -> list[tuple[str, ...]]:
 def main(argv: Sequence[str]) -> None:
     """Play, and print the table."""
     n = int(argv[0]) if argv else REPETITIONS
+    first = int(argv[1]) if len(argv) > 1 else 0
     played, begin = Played(), process_time()
-    for seed in range(n):
-        play(seed, played)
-        if (seed + 1) % max(n // 10, 1) == 0 and seed + 1 < n:
+    for done in range(1, n + 1):
+        play(first + done - 1, played)
+        if done % max(n // 10, 1) == 0 and done < n:
             print(told(played), file=sys.stderr, flush=True)
     print(told(played))
     print(f"{process_time() - begin:.0f} s of processor time")

@@ -6,7 +6,8 @@ import pytest
 
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.site.alarm_tables import SilenceRule, read_alarms
-from tests.support.sites import ADDRESS, ALARM, readings, served, yard_of
+from factorgraph_adj.site.site_file import read_site
+from tests.support.sites import ADDRESS, ALARM, readings, served, site_of, yard_of, yard_site
 
 
 def post(client, records):
@@ -33,6 +34,46 @@ def test_a_displacement_raises_an_alarm_that_is_cleared_when_it_is_gone(moved):
     events = moved.get(f"{ADDRESS}/events").json()
     told = [e["data"]["alarm"]["state"] for e in events if e["event"] == "alarm"]
     assert told in (["open"], ["open", "closed"])
+
+
+def test_an_epoch_that_ends_with_a_late_reading_keeps_its_alarm(tmp_path):
+    with site_of(tmp_path, epochs="1 h", more=ALARM) as site:
+        live = yard_of(site)
+        for hour in range(5):
+            for record in readings(hour, 0.01 if hour == 4 else 0.0):
+                assert live.submit(record).result(30)["ok"]
+        live.stop()
+        # One transaction: a late reading of epoch 3, and the end of epoch 5, in which C moved.
+        late = readings(2, seed=7)[0]
+        answers = [live.submit(r) for r in (late, *readings(5, 0.01))]
+        live._tasks.put(None)
+        live._run()
+        assert all(a.result(0)["ok"] for a in answers)
+        rows = {row["number"]: row for row in live.epochs()}
+        assert rows[3]["revision"] == 2 and rows[5]["state"] == "closed"
+        (alarm,) = site.alarms.listed()
+        assert alarm["points"] == ["C"] and alarm["epoch"] == 5
+
+
+def test_the_reference_is_the_mean_of_the_stated_number_of_epochs(tmp_path):
+    text = (yard_site(tmp_path, epochs="1 h") / "site.toml").read_text()
+    (tmp_path / "site.toml").write_text(text + "reference_epochs = 3\n")
+    with site_of(tmp_path) as site:
+        live = yard_of(site)
+        for hour in range(6):
+            for record in readings(hour):
+                assert live.submit(record).result(30)["ok"]
+        of = {r["number"]: r["result"] for r in live.epochs(results=True) if r["result"]}
+        moved = {n: bool((r["findings"] or {}).get("displacements")) for n, r in of.items()}
+    assert [moved[n] for n in range(1, 6)] == [False, False, False, True, True]
+
+
+@pytest.mark.parametrize("stated", ["1.5", "0"])
+def test_a_number_of_reference_epochs_that_is_none_is_refused(tmp_path, stated):
+    text = (yard_site(tmp_path, epochs="1 h") / "site.toml").read_text()
+    (tmp_path / "site.toml").write_text(text + f"reference_epochs = {stated}\n")
+    with pytest.raises(InputError, match="reference_epochs"):
+        read_site(tmp_path)
 
 
 def test_displacements_are_in_the_epoch_and_in_the_series(moved):
