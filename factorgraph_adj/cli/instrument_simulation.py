@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import select
 import signal
 import sys
@@ -66,7 +67,7 @@ def add_simulate_instrument(parser: argparse.ArgumentParser) -> None:
         "--targets", metavar="A,B", help="targets in the order of a set; default: all other points"
     )
     parser.add_argument(
-        "--at",
+        "--port",
         type=int,
         default=FIRST_PORT,
         metavar="PORT",
@@ -123,7 +124,7 @@ def _simulate(options: argparse.Namespace) -> int:
             servers = [
                 stack.enter_context(
                     s.serve(
-                        options.at and options.at + i,
+                        options.port and options.port + i,
                         host=options.host,
                         speed=options.speed,
                         sets=options.sets,
@@ -229,6 +230,9 @@ def _tell_set(s: SimulatedTotalStation, number: int, truth: IO[str] | None) -> N
 
 def _take_faults(stations: Sequence[SimulatedTotalStation]) -> bool:
     """Take the faults of standard input; return whether more may come."""
+    if _in_background():
+        time.sleep(POLL_S)
+        return True
     try:
         ready, _, _ = select.select([sys.stdin], [], [], POLL_S)
     except (OSError, ValueError):  # no input that can be waited for
@@ -244,6 +248,14 @@ def _take_faults(stations: Sequence[SimulatedTotalStation]) -> bool:
         except InputError as error:
             print_problems(error.problems)
     return True
+
+
+def _in_background() -> bool:
+    """Return whether standard input is a terminal that stops who reads it in the background."""
+    try:
+        return os.tcgetpgrp(sys.stdin.fileno()) != os.getpgrp()
+    except (OSError, ValueError):  # no terminal
+        return False
 
 
 def _switch_on(stations: Sequence[SimulatedTotalStation], text: str) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import pty
 import subprocess
 import sys
 import tomllib
@@ -11,6 +12,7 @@ from pathlib import Path
 from threading import Event, Thread
 
 import factorgraph_adj as fga
+from factorgraph_adj.cli import instrument_simulation
 from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.instruments import Instrument, read_instruments
 from factorgraph_adj.site.alarm_tables import read_alarms
@@ -32,7 +34,7 @@ def simulated(arguments, folder, **options):
 
 
 def test_a_site_that_it_writes_receives_its_sets(tmp_path: Path):
-    arguments = ["--demo", "tunnel", "--at", "0", "--speed", "3000", "--sets", "3"]
+    arguments = ["--demo", "tunnel", "--port", "0", "--speed", "3000", "--sets", "3"]
     arguments += ["--write", "site", "--truth", "truth.jsonl"]
     arguments += ["--fault", "displacement point=T2.3 dz_mm=-8 at=9min"]
     process = simulated(arguments, tmp_path)
@@ -78,3 +80,15 @@ def test_wrong_arguments_are_refused(capsys):
     assert "duration" in capsys.readouterr().err
     assert main(["simulate-instrument", "--demo", "dam", "--station", "D1"]) == 2
     assert "for PROJECT" in capsys.readouterr().err
+
+
+def test_a_terminal_is_not_read_in_the_background(monkeypatch):
+    # A system stops a command that reads its terminal behind "&", and its instrument with it.
+    ours, terminal = pty.openpty()
+    os.write(ours, b"nonsense\n")
+    with open(terminal, encoding="utf-8") as source:
+        monkeypatch.setattr(instrument_simulation.sys, "stdin", source)
+        monkeypatch.setattr(os, "tcgetpgrp", lambda _: os.getpgrp() + 1)
+        assert instrument_simulation._take_faults([])
+        assert source.readline() == "nonsense\n"  # it was not taken
+    os.close(ours)
