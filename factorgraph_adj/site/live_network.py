@@ -37,7 +37,7 @@ from .alarm_tables import SiteAlarm
 from .database import Database, DatabaseAway
 from .epoch_results import epoch_result, record_result
 from .live_epochs import LiveEpoch, LiveEpochs
-from .postings import QUERIES, OtherRequest, Posting, named_ids, recorded_request, repeated_answer
+from .postings import QUERIES, OtherRequest, Posting, named_ids, recorded_requests, repeated_answer
 from .postings_written import Batch, Task
 from .site_file import NetworkSettings
 from .surveillance import Surveillance, shown_findings
@@ -292,15 +292,16 @@ class LiveNetwork:
         self._lines += len(lot)
         new: list[Posting] = []
         answers: dict[int, Answer] = {}
+        recorded = self._recorded(lot, batch)
         for line, posting in enumerate(lot, first):
-            try:
-                again = self._repeated(posting, batch)
-            except OtherRequest as error:
-                again = refusal(line, error) | {"conflict": True}
-            if again is None:
+            row = recorded.get(posting.request)
+            if row is None:
                 new.append(posting)
-            else:
-                answers[id(posting)] = again
+                continue
+            try:
+                answers[id(posting)] = repeated_answer(row, posting.digest)
+            except OtherRequest as error:
+                answers[id(posting)] = refusal(line, error) | {"conflict": True}
         try:
             told = self._told(new, first, batch) if new else []
         except DatabaseAway:
@@ -358,14 +359,11 @@ class LiveNetwork:
             if do != "add":
                 batch.actions.append(task.action(do, task.record))
 
-    def _repeated(self, posting: Posting, batch: Batch) -> Answer | None:
-        """Return the answer that a request has had already."""
-        request = posting.request
-        if not request:
-            return None
-        now = next((r for r in batch.requests if r["request"] == request), None)
-        row = now or recorded_request(self._database, self.id, request)
-        return None if row is None else repeated_answer(row, posting.digest)
+    def _recorded(self, lot: Sequence[Posting], batch: Batch) -> dict[str, dict[str, Any]]:
+        """Return the rows of requests of postings that were executed already, by request."""
+        asked = {posting.request for posting in lot if posting.request}
+        here = {r["request"]: r for r in batch.requests if r["request"] in asked}
+        return recorded_requests(self._database, self.id, asked - here.keys()) | here
 
     def _epoch_at(self, time: float) -> LiveEpoch:
         """Return the epoch of a time, which begins where there is none."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import time as clock
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -122,16 +122,20 @@ def posting_request(record: dict[str, Any]) -> str:
     return given
 
 
-def recorded_request(database: Database, network: int, request: str) -> dict[str, Any] | None:
-    """Return the row of a request; None: it was not recorded."""
+def recorded_requests(
+    database: Database, network: int, requested: Collection[str]
+) -> dict[str, dict[str, Any]]:
+    """Return the rows of those of some requests that were recorded, by request."""
     from sqlalchemy import select
 
     from .tables import requests
 
-    wanted = select(requests).where(requests.c.network == network, requests.c.request == request)
+    if not requested:
+        return {}
+    asked = requests.c.request.in_(requested)
+    wanted = select(requests).where(requests.c.network == network, asked)
     with database.reading() as connection:
-        found = connection.execute(wanted).first()
-    return None if found is None else dict(found._mapping)
+        return {row.request: dict(row._mapping) for row in connection.execute(wanted)}
 
 
 def repeated_answer(row: Mapping[str, Any], digest: str) -> Answer:
