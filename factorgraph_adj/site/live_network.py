@@ -37,8 +37,8 @@ from .alarm_tables import SiteAlarm
 from .database import Database, DatabaseAway
 from .epoch_results import epoch_result, record_result
 from .live_epochs import LiveEpoch, LiveEpochs
+from .posting_transactions import Batch, Task
 from .postings import QUERIES, OtherRequest, Posting, named_ids, recorded_requests, repeated_answer
-from .postings_written import Batch, Task
 from .site_file import NetworkSettings
 from .surveillance import Surveillance, shown_findings
 

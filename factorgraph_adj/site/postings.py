@@ -12,7 +12,7 @@ from typing import Any
 from ..errors import AdjustmentError, InputError, Problem
 from ..service.answers import Answer
 from .database import Database
-from .postings_written import Task
+from .posting_transactions import Task
 
 MAX_LETTERS_OF_REQUEST = 200
 """Largest number of characters of a request, as its column in the database."""
