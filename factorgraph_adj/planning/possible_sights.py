@@ -33,6 +33,8 @@ NEIGHBOURS = 6
 """Number of nearest points to which levelled differences are possible from each point."""
 LEAST_LENGTH = 1e-3
 """Shortest sight, metres."""
+MAX_SIGHTS = 1_000_000
+"""Largest number of pairs of station and point that are examined; a million takes about 1 GiB."""
 REACH_MARGIN = 1e-4
 """Part of the reach by which the longest sight so far may grow, as present coordinates move."""
 
@@ -43,6 +45,9 @@ def _near(
     """Return pairs of a station (its place among the given ones) and a point within reach.
 
     The third is the change of a length up to which there are no other pairs, metres.
+
+    Raises:
+        InputError: there are more than `MAX_SIGHTS`.
     """
     at = places.coordinates
     there: Mask = np.asarray(np.isfinite(at).all(axis=1))
@@ -51,6 +56,10 @@ def _near(
         return begin[:0], ends[:0], np.inf
     tree = KDTree(at[ends])
     further = reach * (1.0 + REACH_MARGIN)
+    counted: Any = tree.query_ball_point(at[stations[begin]], further, return_length=True)
+    if (number := int(counted.sum()) - int(np.isin(stations[begin], ends).sum())) > MAX_SIGHTS:
+        what = f"{number} sights are possible, more than the {MAX_SIGHTS} that are examined"
+        raise InputError(f"{what}: limit `stations`, `to` or `reach`")
     near: Any = tree.query_ball_point(at[stations[begin]], further, return_sorted=True)
     found = [np.array(each, dtype=np.intp) for each in near]
     first, second = np.repeat(begin, list(map(len, found))), ends[np.concatenate(found)]

@@ -9,7 +9,11 @@ and A are nonnegative definite, D ⪰ I + Nᵀ (F Q Fᵀ)⁻¹ N, from which fol
 candidate may have. The most promising candidates are solved for, with rows at the present
 estimates, until the others cannot be among the best: the answer is that of an examination of all.
 Where the first do not suffice, D of the others takes the columns of Q for the stations of the
-sights, and the blocks of the points at their ends, if the stations are few.
+sights, and the blocks of the points at their ends; where these columns are many, only after as many
+have been solved for. Of sights that end at no point it takes the columns of all their unknowns.
+
+Solutions come in slices of bounded size, each of which is reduced to D at once, and after each the
+candidates that may still be among the best are chosen anew.
 """
 
 from __future__ import annotations
@@ -25,9 +29,18 @@ from .target_functions import TargetFunctions, TargetItem, gains, lack_of
 from .targets import MET
 
 MAX_HUB_COLUMNS = 400
-"""Largest number of columns of stations for which all of them are solved for."""
+"""Largest number of columns of stations that are solved for right after the first candidates; more
+of them only when as many columns have been solved for by candidates."""
 SOLVED_TOGETHER = 16
 """Number of promising candidates that are solved for first; then twice as many each time."""
+MAX_SLICE_BYTES = 2**24
+"""Largest size of the right-hand sides that are solved for at once, bytes (16 MiB, but at least the
+rows of one candidate): with their solution and what the solver keeps beside it, some 64 MiB."""
+
+
+def columns_at_once(n: int) -> int:
+    """Return how many dense columns of n unknowns a slice has."""
+    return max(MAX_SLICE_BYTES // (8 * max(n, 1)), 1)
 
 
 class Gains:
@@ -115,16 +128,17 @@ class SightGains:
         out = np.full(s.n, -np.inf)
         size = s.a.shape[1]
         d = [np.broadcast_to(np.eye(size), (s.n, size, size)).copy() for _ in self.of]
-        order = np.argsort(-bound / cost, kind="stable")
-        first, number = 0, SOLVED_TOGETHER
-        while first < s.n:
+        rest = np.argsort(-bound / cost, kind="stable")
+        number, solved, begun = SOLVED_TOGETHER, 0, False
+        largest = max((g.of.cofactors.size for g in self.of), default=0)
+        while len(rest):
             least = np.partition(out / cost, -most)[-most] if most <= s.n else -np.inf
-            rest = order[first:]
-            open_ = (bound[rest] / cost[rest] > least) & (bound[rest] > MET)
-            if not open_.any():
+            rest = rest[(bound[rest] / cost[rest] > least) & (bound[rest] > MET)]
+            if not len(rest):
                 break
-            hubs = self._few_hubs(rest[open_]) if first else None
-            some = rest[:number] if hubs is None else rest[open_]
+            hubs = self._few_hubs(rest, solved) if begun else None
+            number = min(number, max(columns_at_once(largest) // size, 1))
+            some = rest[:number] if hubs is None else rest
             a, columns = s.rows(some)
             found: dict[int, Array] = {}
             for own, along, g in zip(d, self.along, self.of, strict=True):
@@ -134,44 +148,63 @@ class SightGains:
                     found[id(q)] = solved_d(q, a, columns) if known is None else known
                 own[some], along[some] = found[id(q)], g.along(a, columns)
             out[some] = self._sum(some, d)
-            if hubs is not None:
-                break
-            first, number = first + number, 2 * number
+            rest, begun = rest[len(some) :], True
+            number, solved = 2 * number, solved + size * len(some)
         return out, d
 
-    def _few_hubs(self, some: Index) -> Index | None:
-        """Return the columns of the stations of some sights; None: they are too many, or none."""
-        hubs = np.unique(self.sights.columns[some, :-POINT])
-        hubs = hubs[hubs >= 0]
-        few = len(hubs) <= MAX_HUB_COLUMNS and bool((self.sights.points[some] >= 0).all())
-        return hubs if few else None
+    def _leaf(self, some: Index) -> int:
+        """Return the number of columns of the points at which sights end; 0: not all end at one."""
+        return POINT if bool((self.sights.points[some] >= 0).all()) else 0
+
+    def _few_hubs(self, some: Index, solved: int) -> Index | None:
+        """Return the columns of the stations of some sights; None: they are too many.
+
+        Args:
+            some: the sights.
+            solved: number of columns that have been solved for.
+        """
+        columns = self.sights.columns[some]
+        hubs = columns[:, : columns.shape[1] - self._leaf(some)]
+        on = np.zeros(int(hubs.max(initial=-1)) + 1, dtype=bool)
+        on[hubs[hubs >= 0]] = True
+        found = np.flatnonzero(on)
+        return found if len(found) <= max(MAX_HUB_COLUMNS, solved) else None
 
     def _known_d(
         self, cofactors: CofactorColumns, hubs: Index, a: Array, columns: Index, some: Index
     ) -> Array:
-        """Return D of some sights from the columns of stations and the blocks of points."""
-        points, (m, size, _) = self.sights.points[some], a.shape
-        unit = np.zeros((cofactors.size, len(hubs)))
-        unit[hubs, np.arange(len(hubs))] = 1.0
-        q = cofactors.times(unit) if len(hubs) else unit
+        """Return D of some sights from the columns of stations and the blocks of points.
+
+        With rows A = (A_h, A_p) of the stations and the point at the end,
+        A Q Aᵀ = A_p Q_pp A_pᵀ + sym((A_h Q_hh + 2 A_p Q_ph) A_hᵀ), column by column of Q.
+        """
+        m, size, width = a.shape
+        hub_width = width - self._leaf(some)
+        leaf = a[:, :, hub_width:]
+        d = np.zeros((m, size, size))
+        if hub_width < width:
+            points = self.sights.points[some]
+            used = np.unique(points)
+            blocks = np.zeros((int(used.max(initial=0)) + 1, POINT, POINT))
+            blocks[used] = cofactors.point_blocks([self.names[i] for i in used.tolist()])
+            d += leaf @ blocks[points] @ leaf.transpose(0, 2, 1)
+        own = np.where((columns >= 0)[:, None, :], a, 0.0)
+        weighted = np.concatenate([own[:, :, :hub_width], 2.0 * own[:, :, hub_width:]], axis=2)
         place = np.full(cofactors.size + 1, -1, dtype=np.intp)
-        place[hubs] = np.arange(len(hubs))
-        of_hub, of_point = columns[:, :-POINT], columns[:, -POINT:]
-        d = np.broadcast_to(np.eye(size), (m, size, size)).copy()
-        leaf = a[:, :, -POINT:]
-        used = np.unique(points)
-        blocks = np.zeros((int(used.max(initial=0)) + 1, POINT, POINT))
-        blocks[used] = cofactors.point_blocks([self.names[i] for i in used.tolist()])
-        d += leaf @ blocks[points] @ leaf.transpose(0, 2, 1)
-        if of_hub.shape[1] and len(hubs):
-            hub = np.where((of_hub >= 0)[:, None, :], a[:, :, :-POINT], 0.0)
-            at = place[of_hub]
-            q_hh = q[of_hub[:, :, None], at[:, None, :]]
-            q_lh = q[of_point[:, :, None], at[:, None, :]]
-            point = np.where((of_point >= 0)[:, None, :], leaf, 0.0)
-            cross = point @ q_lh @ hub.transpose(0, 2, 1)
-            d += hub @ q_hh @ hub.transpose(0, 2, 1) + cross + cross.transpose(0, 2, 1)
-        return d
+        step = columns_at_once(cofactors.size)
+        for first in range(0, len(hubs), step):
+            part = hubs[first : first + step]
+            unit = np.zeros((cofactors.size, len(part)))
+            unit[part, np.arange(len(part))] = 1.0
+            q = cofactors.times(unit)
+            place[part] = np.arange(len(part))
+            for j in range(hub_width):
+                at = place[columns[:, j]]
+                on = np.flatnonzero(at >= 0)
+                x = weighted[on] @ q[columns[on], at[on, None]][:, :, None]
+                d[on] += x * own[on, None, :, j]
+            place[part] = -1
+        return np.eye(size) + 0.5 * (d + d.transpose(0, 2, 1))
 
     def _sum(self, some: Index, d: Sequence[Array]) -> Array:
         """Return the gains of some candidates for all targets."""

@@ -14,7 +14,8 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj import observations as o
 from factorgraph_adj.entities import Photo
-from factorgraph_adj.planning import sight_gains, sight_rows
+from factorgraph_adj.linear_system.cofactor_columns import FrontColumns
+from factorgraph_adj.planning import possible_sights, sight_gains, sight_rows
 from factorgraph_adj.planning.candidates import Candidate
 from factorgraph_adj.planning.next_sight import NextSight, NextSights
 from factorgraph_adj.planning.targets import (
@@ -180,6 +181,46 @@ def test_few_are_solved_for_where_there_are_many_stations(monkeypatch):
     few = inc.next_sights(["D", "E"], most=4, reach=1e3)
     assert [s.aim for s in few.sights] == [s.aim for s in every.sights]
     assert [s.gain for s in few.sights] == pytest.approx([s.gain for s in every.sights], rel=NEAR)
+
+
+@pytest.mark.parametrize("hubs", [0, 400])
+@pytest.mark.parametrize("kinds", [None, "height_difference"])
+@pytest.mark.parametrize("free", [False, True])
+def test_slices_of_any_size_give_the_same_gains(free, kinds, hubs, monkeypatch):
+    """All candidates at once, and right-hand sides of four columns at most."""
+    inc = settled(survey(free=free), engine="fronts")
+    held = [] if free else [DetectableDisplacement(1e-9, ("D",), reference=("S3",))]
+    target, options = [PositionError(1e-9, ("D",)), *held], {"kinds": kinds, "reach": 1e3}
+    monkeypatch.setattr(sight_gains, "SOLVED_TOGETHER", 1000)
+    every = inc.next_sights(target, most=4, **options)
+    sizes: list[int] = []
+    columns: list[int] = []
+    times = FrontColumns.times
+
+    def recorded(self, y):
+        sizes.append(y.nbytes)
+        columns.append(self.size)
+        return times(self, y)
+
+    monkeypatch.setattr(FrontColumns, "times", recorded)
+    inc.next_sights(target, most=4, **options)
+    assert max(sizes) > 8 * 4 * columns[0]
+    sizes.clear()
+    monkeypatch.setattr(sight_gains, "SOLVED_TOGETHER", 2)
+    monkeypatch.setattr(sight_gains, "MAX_HUB_COLUMNS", hubs)
+    monkeypatch.setattr(sight_gains, "MAX_SLICE_BYTES", 8 * 4 * columns[0])
+    parts = inc.next_sights(target, most=4, **options)
+    assert [s.aim for s in parts.sights] == [s.aim for s in every.sights]
+    assert [s.gain for s in parts.sights] == pytest.approx([s.gain for s in every.sights], 1e-12)
+    assert max(sizes) <= 8 * 4 * columns[0]
+
+
+def test_more_sights_than_are_examined_are_refused(monkeypatch):
+    inc = settled(survey())
+    monkeypatch.setattr(possible_sights, "MAX_SIGHTS", 20)
+    with pytest.raises(fga.InputError, match=r"21 sights .* more than the 20 .*`stations`"):
+        inc.next_sights("D", reach=1e3)
+    assert inc.next_sights("D", reach=1e3, to=["D"]).sights
 
 
 @pytest.mark.parametrize("engine", ["fronts", "isam2"])
