@@ -22,12 +22,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..errors import InputError
 from ..linear_system.cofactor_columns import CofactorColumns
 from ..types import Array, Index
 from .sight_rows import POINT, PossibleSights
 from .target_functions import TargetFunctions, TargetItem, gains, lack_of
 from .targets import MET
 
+MAX_PRODUCT_BYTES = 2 * 1024**3
+"""Largest memory of the products of all sights with all functions of the targets, bytes."""
 MAX_HUB_COLUMNS = 400
 """Largest number of columns of stations that are solved for right after the first candidates; more
 of them only when as many columns have been solved for by candidates."""
@@ -111,7 +114,17 @@ class SightGains:
             sights: the candidates.
             names: names of the points.
             of: functions of the targets.
+
+        Raises:
+            InputError: the products of sights and functions need more than `MAX_PRODUCT_BYTES`.
         """
+        functions, rows = sum(len(g.b) for g in of), sights.n * sights.a.shape[1]
+        if (wanted := 8 * functions * rows) > MAX_PRODUCT_BYTES:
+            raise InputError(
+                f"{sights.n} sights for {functions // POINT} points take {wanted / 1024**3:.1f} GiB, "
+                f"more than {MAX_PRODUCT_BYTES // 1024**3}: name fewer points, or limit `stations`, "
+                "`to` or `reach`"
+            )
         self.sights, self.names, self.of = sights, names, of
         self.along = [g.along(sights.a, sights.columns) for g in of]
 

@@ -91,6 +91,10 @@ def gains(target: Target, before: float, after: Array) -> Array:
     return np.asarray(np.log(max(start, 1e-300) / safe))
 
 
+MAX_FUNCTION_BYTES = 512 * 1024**2
+"""Largest memory of the coordinates of a target's points as functions of all unknowns, bytes."""
+
+
 class TargetReader:
     """Makes functions of targets."""
 
@@ -157,6 +161,10 @@ class TargetReader:
         out = [i for i in on.tolist() if i not in lost and (columns[i] >= 0).any()]
         if not out and not lost:
             self._wrong(target, "all of its points are held: nothing improves them")
+        most = MAX_FUNCTION_BYTES // (8 * POINT * max(self.places.cofactors.size, 1))
+        if len(out) > most:
+            self._wrong(target, f"has {len(out)} points, of at most {most} here: name fewer")
+            return []
         return out
 
     def _coordinates(self, points: Sequence[int]) -> Array:

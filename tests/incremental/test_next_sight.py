@@ -15,7 +15,7 @@ import factorgraph_adj as fga
 from factorgraph_adj import observations as o
 from factorgraph_adj.entities import Photo
 from factorgraph_adj.linear_system.cofactor_columns import FrontColumns
-from factorgraph_adj.planning import possible_sights, sight_gains, sight_rows
+from factorgraph_adj.planning import possible_sights, sight_gains, sight_rows, target_functions
 from factorgraph_adj.planning.candidates import Candidate
 from factorgraph_adj.planning.next_sight import NextSight, NextSights
 from factorgraph_adj.planning.targets import (
@@ -221,6 +221,19 @@ def test_more_sights_than_are_examined_are_refused(monkeypatch):
     with pytest.raises(fga.InputError, match=r"21 sights .* more than the 20 .*`stations`"):
         inc.next_sights("D", reach=1e3)
     assert inc.next_sights("D", reach=1e3, to=["D"]).sights
+
+
+def test_targets_of_too_many_points_are_refused(monkeypatch):
+    """Instead of more memory than there is."""
+    inc = settled(survey())
+    assert inc.next_sights("*").sights
+    with monkeypatch.context() as small:
+        small.setattr(sight_gains, "MAX_PRODUCT_BYTES", 1000)
+        with pytest.raises(fga.InputError, match=r"sights for \d points take .*fewer points.*`to`"):
+            inc.next_sights("*")
+    monkeypatch.setattr(target_functions, "MAX_FUNCTION_BYTES", 300)
+    with pytest.raises(fga.InputError, match=r"has \d points, of at most 1 here"):
+        inc.next_sights("*")
 
 
 @pytest.mark.parametrize("engine", ["fronts", "isam2"])
