@@ -11,7 +11,8 @@ import sqlite3
 import threading
 import time as clock
 import uuid
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -76,12 +77,25 @@ class Outbox:
         Args:
             network: name of their network.
             records: postings; what states no ``time`` was measured now.
+
+        Raises:
+            InputError: they cannot be written, on a full disk for example; none of them is kept.
         """
         now = clock.time()
         rows = [(network, json.dumps(requested(r, time=now))) for r in records]
-        with self._lock, self._file:
-            self._file.execute("begin immediate")
+        with self._writing():
             self._file.executemany("insert into postings (network, record) values (?, ?)", rows)
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        """Hold a transaction: all of it is on the disk when it ends, or none."""
+        try:
+            with self._lock, self._file:
+                self._file.execute("begin immediate")
+                yield
+        except sqlite3.Error as error:
+            what = f"the outbox cannot be written: {error}"
+            raise InputError(Problem(what, str(self.path))) from None
 
     def first(self, most: int) -> list[Kept]:
         """Return the oldest postings, all of one network."""
@@ -93,14 +107,17 @@ class Outbox:
         return kept[:same]
 
     def done(self, sent: Sequence[Kept], answers: Sequence[Mapping[str, Any]]) -> None:
-        """Take out what was answered; what was refused is kept with its answer in ``refused``."""
+        """Take out what was answered; what was refused is kept with its answer in ``refused``.
+
+        Raises:
+            InputError: this cannot be written; all of them stay, and are sent again.
+        """
         refused = [
             (k.id, k.network, json.dumps(k.record), json.dumps(a))
             for k, a in zip(sent, answers, strict=True)
             if not a.get("ok")
         ]
-        with self._lock, self._file:
-            self._file.execute("begin immediate")
+        with self._writing():
             self._file.executemany("insert or replace into refused values (?, ?, ?, ?)", refused)
             self._file.executemany("delete from postings where id = ?", [(k.id,) for k in sent])
 
