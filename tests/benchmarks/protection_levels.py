@@ -38,6 +38,8 @@ import factorgraph_adj as fga
 from factorgraph_adj.quality.causes.shared_error_tests import whitening_matrix
 from factorgraph_adj.quality.protection_levels import FIGURES, ProtectionLevels
 from factorgraph_adj.types import Array, Index
+from tests.networks.dam import Weather, dam_epoch
+from tests.networks.free import levelled
 from tests.support.places import DATA
 from tests.support.scatter import NETWORKS, measure
 
@@ -66,6 +68,8 @@ MOST_REJECTED = 2
 """Largest number of observations that data snooping rejects in a trial; others are not accepted."""
 CANDIDATES = 24
 """Number of these."""
+LEAST_SINGULAR = 1e-9
+"""Singular value, relative to the largest, of A with columns of unit length: an open datum."""
 
 
 def networks() -> dict[str, Callable[[], fga.Network]]:
@@ -77,7 +81,18 @@ def networks() -> dict[str, Callable[[], fga.Network]]:
             out[name] = lambda path=path: fga.read(path)
     for name, kind in SIMULATED.items():
         out[name] = lambda kind=kind: measure(NETWORKS[kind](), seed=0)
+    out["dam, free datum"] = lambda: dam_epoch(
+        np.random.default_rng(1), weather=Weather(levelling=True)
+    )
+    out["levelling, free datum"] = free_levelling
     return out
+
+
+def free_levelling() -> fga.Network:
+    """Return five points with all lines between them, and no height that is given."""
+    network = levelled()
+    network.datum = "free"
+    return network
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,10 +110,43 @@ class DenseModel:
         return self.solution.normal().system.sparse(rows).toarray()[:, free]
 
     @cached_property
+    def _decomposition(self) -> tuple[Array, Array, Array]:
+        """U of the column space of A, its A⁺ and open motions N, from columns of unit length.
+
+        A QR decomposition without pivoting would span too much where a datum is open.
+        """
+        size = np.linalg.norm(self.partials, axis=0)
+        u, s, vt = np.linalg.svd(self.partials / size, full_matrices=True)
+        rank = int(np.sum(s > LEAST_SINGULAR * s[0]))
+        inverse = (vt[:rank].T / s[:rank]) @ u[:, :rank].T
+        return u[:, :rank], inverse / size[:, None], vt[rank:].T / size[:, None]
+
+    @cached_property
     def projector(self) -> Array:
-        """I − A (AᵀA)⁻¹ Aᵀ, (n, n)."""
-        q, _ = np.linalg.qr(self.partials)
-        return np.eye(len(q)) - q @ q.T
+        """I − A A⁺, (n, n)."""
+        u = self._decomposition[0]
+        return np.eye(len(u)) - u @ u.T
+
+    @cached_property
+    def inverse(self) -> Array:
+        """Errors of unknowns from whitened errors, (u, n), least squares of datum points."""
+        _, inverse, open_ = self._decomposition
+        if not open_.shape[1]:
+            return inverse
+        solution = self.solution
+        unknowns = solution.equations.unknowns
+        place = np.cumsum(unknowns.free) - 1
+        points = solution.network.points
+        chosen = [n for n, point in points.items() if point.datum] or list(points)
+        numbers = [
+            first + axis
+            for name in chosen
+            for first in [int(unknowns["point"].offset[solution.number("point", name)])]
+            for axis in range(3)
+            if first >= 0 and unknowns.free[first + axis]
+        ]
+        on = place[np.array(numbers)]
+        return inverse - open_ @ np.linalg.lstsq(open_[on], inverse[on], rcond=None)[0]
 
     @cached_property
     def whitener(self) -> Array:
@@ -135,10 +183,9 @@ class DenseModel:
         place = np.cumsum(unknowns.free) - 1
         first = int(unknowns["point"].offset[self.solution.number("point", point)])
         out = np.zeros((3, len(self.partials)))
-        inverse = np.linalg.pinv(self.partials)
         for a in range(3):
             if first >= 0 and unknowns.free[first + a]:
-                out[a] = inverse[place[first + a]]
+                out[a] = self.inverse[place[first + a]]
         return out
 
     def figure(self, point: str, figure: str) -> Array:
