@@ -120,10 +120,10 @@ class SightGains:
         """
         functions, rows = sum(len(g.b) for g in of), sights.n * sights.a.shape[1]
         if (wanted := 8 * functions * rows) > MAX_PRODUCT_BYTES:
+            what = f"{sights.n} sights for {functions // POINT} points take {wanted >> 20} MiB"
             raise InputError(
-                f"{sights.n} sights for {functions // POINT} points take {wanted / 1024**3:.1f} GiB, "
-                f"more than {MAX_PRODUCT_BYTES // 1024**3}: name fewer points, or limit `stations`, "
-                "`to` or `reach`"
+                f"{what}, more than {MAX_PRODUCT_BYTES >> 20}: name fewer points, or limit "
+                "`stations`, `to` or `reach`"
             )
         self.sights, self.names, self.of = sights, names, of
         self.along = [g.along(sights.a, sights.columns) for g in of]
