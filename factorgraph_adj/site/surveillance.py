@@ -20,6 +20,7 @@ from ..monitoring.epoch_estimates import EpochEstimate
 from ..monitoring.monitor import Findings, Monitor
 from ..monitoring.motion_filter import DAY_S
 from ..service.answers import rounded_figure
+from ..units import ANGLE
 from .alarm_log import Raised
 from .alarm_tables import SiteAlarm
 from .live_epochs import LiveEpoch
@@ -150,15 +151,15 @@ def shown_findings(found: Findings, against: int | None, objects: Sequence[str])
     comparison = found.comparison
     if comparison is None:
         return out
+    axes = comparison.differences.axes
     tests: dict[str, list[TestedEpoch]] = {n: [*p.tests] for n, p in found.points.items()}
     out["displacements"] = [
-        _displacement(x, tests.get(n, [])) for n, x in comparison.displacements.items()
+        _displacement(x, tests.get(n, []), axes) for n, x in comparison.displacements.items()
     ]
     out["congruence"] = _congruence(comparison)
     moved = [n for n, x in comparison.displacements.items() if x.moved and matches(n, objects)]
     if len(moved) > 1:
         out["blocks"] = _blocks(comparison, moved)
-    axes = comparison.differences.axes
     for name, point in found.points.items():
         motion = point.motion
         scale = {"displacement": 1.0 / MILLIMETRE, "velocity": DAY_S / MILLIMETRE}
@@ -177,11 +178,12 @@ def shown_findings(found: Findings, against: int | None, objects: Sequence[str])
     return out
 
 
-def _displacement(x: Displacement, tests: Sequence[TestedEpoch]) -> Answer:
+def _displacement(x: Displacement, tests: Sequence[TestedEpoch], axes: str) -> Answer:
     out: Answer = {"name": x.name, "stable": x.stable, "verdict": x.verdict, "moved": x.moved}
     for axis, value, sigma in zip(AXES, x.vector, x.sigmas, strict=True):
-        out[f"d{axis}_mm"] = rounded_figure(float(value) / MILLIMETRE)
-        out[f"sigma_d{axis}_mm"] = rounded_figure(float(sigma) / MILLIMETRE)
+        compared = axis in axes
+        out[f"d{axis}_mm"] = rounded_figure(float(value) / MILLIMETRE) if compared else None
+        out[f"sigma_d{axis}_mm"] = rounded_figure(float(sigma) / MILLIMETRE) if compared else None
     out |= {"T": rounded_figure(x.test.value), "critical": rounded_figure(x.test.critical)}
     out["detectable_mm"] = rounded_figure(x.detectable / MILLIMETRE)
     of_rules = [t.detectable_mm for t in tests if t.test == "displacement"]
@@ -213,14 +215,33 @@ def _congruence(found: EpochComparison) -> Answer:
 
 
 def _blocks(found: EpochComparison, names: Sequence[str]) -> list[Answer]:
-    """Return the common rigid motion of the points that moved, where they determine it."""
+    """Return the common rigid motion of the points that moved, or why there is none.
+
+    Components about axes that are not compared or not determined are null.
+    """
+    out: Answer = {"points": list(names)}
     try:
         block = block_motion(found, names)
-    except AdjustmentError:
-        return []
-    axes = found.differences.axes
-    translation = [rounded_figure(block[f"t{a}"] / MILLIMETRE) if a in axes else 0.0 for a in AXES]
-    return [{"points": list(names), "translation_mm": translation, "moved": True}]
+    except AdjustmentError as error:
+        return [out | {"problem": str(error)}]
+    sigmas = dict(zip(block.names, block.sigmas.tolist(), strict=True))
+    for what, letter, unit, size in (
+        ("translation", "t", "mm", MILLIMETRE),
+        ("rotation", "r", "mgon", ANGLE["mgon"]),
+    ):
+        names_of = [letter + a for a in AXES]
+        out[f"{what}_{unit}"] = [
+            rounded_figure(block[n] / size) if n in sigmas else None for n in names_of
+        ]
+        out[f"sigma_{what}_{unit}"] = [
+            rounded_figure(sigmas[n] / size) if n in sigmas else None for n in names_of
+        ]
+    out |= {"moved": not block.motion.accepted, "test": rounded_figure(block.motion.value)}
+    out["critical"] = rounded_figure(block.motion.critical)
+    if block.fit is not None:
+        out |= {"rigid": block.fit.accepted, "fit": rounded_figure(block.fit.value)}
+        out["fit_critical"] = rounded_figure(block.fit.critical)
+    return [out]
 
 
 def _alarm_figures(found: TestedEpoch) -> Answer:

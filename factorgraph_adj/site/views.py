@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 
 from ..errors import AdjustmentError
+from ..frames import GeocentricFrame
 from ..quality.error_ellipses import error_ellipses
+from ..report.plots.drawing_plane import drawing_plane_of
 from ..service.answers import rounded_figure
 from ..solve.solution import Solution
 from ..statistical_tests import CONFIDENCE_OF_REGION, global_test, normal_quantile
@@ -46,9 +48,31 @@ class EpochView:
         }
         test = None if self.adjustment.redundancy <= 0 else global_test(self.adjustment)
         out["sigma0_limits"] = None if test is None else [test.lower, test.upper]
+        out |= {"length_m": LENGTH[self.stream.context.units.length], "plane": self.plane()}
+        geocentric = isinstance(network.frame, GeocentricFrame)
+        xy = np.array([p.coordinates[:2] for p in network.points.values()]).reshape(-1, 2)
+        flat = not len(xy) or not np.ptp(xy, axis=0).any()
+        without_plan = bool(held) and not geocentric and not open_axes[:2].any()
+        out["heights_only"] = bool(without_plan and flat and not network.photos)
         crs = None if network.crs is None else network.crs.name
         out |= {"datum": network.datum, "crs": crs, "axes": list("xyz")}
         return out | {"title": network.name, "epoch": self.epoch.summary()}
+
+    def plane(self) -> Answer | None:
+        """Return the plane of drawings, (e, n, u) = axes · (X − origin); None: no place is known.
+
+        Its origin is in metres.
+        """
+        network = self.adjustment.described
+        xyz = np.array([p.coordinates for p in network.points.values()]).reshape(-1, 3)
+        xyz = xyz[np.isfinite(xyz).all(axis=1)]
+        if isinstance(network.frame, GeocentricFrame) and not len(xyz):
+            solution = self.solution()
+            if solution is None or not len(solution.state["point"]):
+                return None
+            xyz = solution.state["point"]
+        plane = drawing_plane_of(network.frame, xyz)
+        return {"origin": plane.origin.tolist(), "axes": plane.axes.tolist(), "note": plane.note}
 
     def solution(self) -> Solution | None:
         """Return the solution; None where nothing is determined."""

@@ -281,3 +281,16 @@ def test_ten_thousand_points_are_drawn_and_moved(plain, server, size, capsys):
         v.page.get_by_label("Search: Points").fill("n0123")
         v.holds("() => document.querySelectorAll('#view tbody tr').length === 10")
         assert v.complaints == []
+
+
+def test_places_are_in_metres_and_in_the_plane_of_the_summary(browser, server):
+    with visit(browser, server, at="#/small/plan") as v:
+        _drawn(v, 7)
+        place = v.page.evaluate("""async () => {
+          const at = (name) => new URL(name, document.querySelector("script[type=module]").src);
+          const { here, peek } = await import(at("live.js")), plane = await import(at("plane.js"));
+          Object.assign(peek(here("")), { length_m: 1e-3, plane: { origin: [0, 0, 10],
+            axes: [[0, 1, 0], [1, 0, 0], [0, 0, 1]] } });
+          return [plane.placed({ x: 1000, y: 2000, z: 3000 }), plane.turned([1, 2, null])];
+        }""")
+        assert place == [[2, 1, -7], [2, 1, 0]]

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
+from factorgraph_adj.epochs.block_motion import BlockMotion
+from factorgraph_adj.epochs.congruence_tests import HypothesisTest
 from factorgraph_adj.errors import InputError
+from factorgraph_adj.site import surveillance
 from factorgraph_adj.site.alarm_tables import SilenceRule, read_alarms
 from factorgraph_adj.site.site_file import read_site
 from tests.support.sites import ADDRESS, ALARM, readings, served, site_of, yard_of, yard_site
@@ -157,3 +161,25 @@ def test_protection_levels_name_what_nothing_controls(moved):
     rows = {r["name"]: r for r in found["rows"]}
     assert rows["A"]["space_mm"] == 0.0
     assert rows["C"]["vertical_mm"] > 0.5 and rows["C"]["weakest"]
+
+
+@pytest.mark.parametrize("value", [1.0, 9.0])
+def test_a_block_has_its_motion_with_precision_and_its_verdict(monkeypatch, value):
+    test = HypothesisTest(value, 3.0, (3, np.inf), 0.1)
+    names, p = ("tx", "ty", "rz"), np.array([0.01, 0.0, np.pi / 200_000])
+    q = np.diag([4e-6, 1e-6, p[2] ** 2])
+    block = BlockMotion(("C", "D"), "rigid", p, names, p, q, 1.0, np.zeros((2, 2)), None, test)
+    monkeypatch.setattr(surveillance, "block_motion", lambda *_: block)
+    (told,) = surveillance._blocks(None, ["C", "D"])
+    assert told["translation_mm"] == [10.0, 0.0, None]
+    assert told["sigma_translation_mm"] == [2.0, 1.0, None]
+    assert told["rotation_mgon"] == told["sigma_rotation_mgon"] == [None, None, 1.0]
+    assert told["moved"] == (value > 3.0)
+
+
+def test_a_block_without_a_motion_tells_why(monkeypatch):
+    def none(*_):
+        raise InputError("not determined")
+
+    monkeypatch.setattr(surveillance, "block_motion", none)
+    assert surveillance._blocks(None, ["C"]) == [{"points": ["C"], "problem": "not determined"}]

@@ -69,6 +69,13 @@ function componentsFigure(found) {
   return { data, layout: { xaxis: axis({ type: "date" }), yaxis: axis({ title: { text: t("factor_sigma") }, rangemode: "tozero" }), shapes: [{ type: "line", xref: "paper", x0: 0, x1: 1, y0: 1, y1: 1, line: { color: colour("soft"), dash: "dot" } }] } };
 }
 
+// Components of a motion with σ, those that are determined.
+const motionText = (name, block, what, unit, decimals) => {
+  const values = block[`${what}_${unit}`] ?? [], sigmas = block[`sigma_${what}_${unit}`] ?? [];
+  const told = ["x", "y", "z"].flatMap((a, i) => (isNumber(values[i]) ? [`${a} ${fixed(values[i], decimals)} ± ${fixed(sigmas[i], decimals)} ${unit}`] : []));
+  return told.length ? `${name}: ${told.join(", ")}` : "";
+};
+
 // -- one epoch --------------------------------------------------------------------------------
 
 function epoch(root, number, signal) {
@@ -87,8 +94,12 @@ function epoch(root, number, signal) {
       c && isNumber(c.test) ? h("p", {}, t(c.outcome === "changed" ? "congruence_failed" : "congruence_passed", { against: e.against ?? "–", test: fixed(c.test, 2), critical: fixed(c.critical, 2) })) : h("p", { class: "note" }, t("congruence_none")),
       movedOf(e).length ? h("p", {}, t("moved_points"), ": ", pointLinks(movedOf(e), 30)) : null);
     const blockList = blocks.length ? [h("h3", { class: "livehead" }, t("blocks")), h("ul", { class: "cards" }, blocks.map((b, i) => h("li", { class: "card" },
-      h("strong", {}, t("block_n", { number: i + 1 })), " ", pill(b.moved ? "moved" : "stable", t(b.moved ? "moved" : "stable")),
-      h("div", { class: "figure" }, (b.translation_mm ?? []).map((v) => fixed(v, 1)).join(" / "), " mm", isNumber(b.rotation_mgon) ? `, ${fixed(b.rotation_mgon, 1)} mgon` : ""),
+      h("strong", {}, t("block_n", { number: i + 1 })), " ", b.problem ? null : pill(b.moved ? "moved" : "stable", t(b.moved ? "moved" : "stable")),
+      b.problem ? h("div", { class: "problem", lang: "en" }, b.problem) : [
+        h("div", { class: "figure" }, motionText(t("shift"), b, "translation", "mm", 1)),
+        h("div", { class: "figure" }, motionText(t("rotation"), b, "rotation", "mgon", 2)),
+        h("div", {}, t("block_test", { test: fixed(b.test, 2), critical: fixed(b.critical, 2) })),
+        isNumber(b.fit) ? h("div", {}, t(b.rigid ? "block_fits" : "block_misfits", { test: fixed(b.fit, 2), critical: fixed(b.fit_critical, 2) })) : null],
       h("div", { class: "note" }, pointLinks(b.points ?? [], 20)))))] : null;
     if (!table && rows.length) table = new Table({
       caption: t("displacements", { against: e.against ?? "–" }), open: (d) => (location.hash = link("points", d.name)),

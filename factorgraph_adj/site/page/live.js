@@ -15,6 +15,7 @@ export const on = (name, act, signal) => bus.addEventListener(name, (e) => act(e
 export const now = () => Date.now() / 1000;
 export const context = {
   site: null, network: null, role: null,
+  summary: null, // of the network when it was chosen: its units and its plane
   counts: null, // of the latest answer, newer than the summary
   log: [], // the latest events, oldest first
   states: new Map(), // latest verdict of observations that the page has heard of
@@ -230,11 +231,12 @@ async function fillLog() {
 export async function useNetwork(name) {
   disconnect();
   resources.clear();
-  Object.assign(context, { network: name, counts: null, log: [] });
+  Object.assign(context, { network: name, summary: null, counts: null, log: [] });
   context.states.clear();
   lastId = null;
   connection.state = "connecting";
   if (!name) return;
+  try { context.summary = await read(here("")); } catch { /* it is read again */ }
   await fillLog();
   connect();
 }

@@ -58,7 +58,7 @@ export function overview(root, _, signal) {
   watch("instruments", draw(health, (found) => {
     const own = instrumentsOf(found);
     fill(health.body, own.length
-      ? h("ul", { class: "cards" }, own.map((i) => h("li", { class: "card" }, h("a", { href: link("instruments") }, i.name), " ", pill(i.state, i.state === "faulty" && i.connection ? word("state", i.connection) : undefined), h("div", { class: "note" }, t("last_message"), " ", moment(i.last_message, { withSeconds: true }), i.problem ? ` · ${i.problem}` : ""))))
+      ? h("ul", { class: "cards" }, own.map((i) => h("li", { class: "card" }, h("a", { href: link("instruments") }, i.name), " ", pill(i.state, i.state === "faulty" && i.connection ? word("state", i.connection) : undefined), h("div", { class: "note" }, t("last_message"), " ", moment(i.last_message, { withSeconds: true }), i.problem ? [" · ", h("span", { lang: "en" }, i.problem)] : null))))
       : h("p", { class: "note" }, t("no_instruments")));
   }), { events: ["instrument"], every: 15000, signal });
   shine();

@@ -44,7 +44,6 @@ export class Plan {
     this.vectors = [];
     this.chosen = -1;
     this.shown = { sights: true, ellipses: true, names: true, photos: true };
-    this.northern = true;
     this.stale = "";
     this.cost = 0;
     this.frames = [];
@@ -490,7 +489,7 @@ export class Plan {
     const nu = this.w - 26, nv = 22;
     g.beginPath(); g.moveTo(nu, nv); g.lineTo(nu + 7, nv + 26); g.lineTo(nu, nv + 20); g.lineTo(nu - 7, nv + 26); g.closePath();
     g.lineWidth = 3; g.strokeStyle = this.c.page; g.stroke(); g.fill();
-    text(this.northern ? "N" : "y", nu, nv - 4, "center");
+    text("N", nu, nv - 4, "center");
     const bar = (size, label, v) => {
       const u = this.w - 70;
       g.strokeStyle = this.c.page; g.lineWidth = 6; g.beginPath(); g.moveTo(u - size, v); g.lineTo(u, v); g.stroke();

@@ -4,6 +4,7 @@ import { fixed, isNumber, metres, mm, recall, remember, stamp, t } from "./langu
 import { connection, here, on, peek, watch } from "./live.js";
 import { link, part, pointLink } from "./parts.js";
 import { Plan, SIGHTS, niceBelow } from "./plan.js";
+import { coordinate, lengthUnit, placed, turned } from "./plane.js";
 import { pointSearch } from "./search.js";
 import { svg } from "./symbols.js";
 
@@ -16,8 +17,9 @@ export const criticalOf = (summary) => summary?.critical_w ?? CRITICAL;
 export function planRows(points) {
   const out = [];
   for (const p of points) {
-    const x = p.east ?? p.x, y = p.north ?? p.y;
-    if (!isNumber(x) || !isNumber(y) || p.determined === false) continue;
+    const place = placed(p);
+    if (!place || p.determined === false) continue;
+    const [x, y] = place;
     const e = p.ellipse ?? {};
     out.push({
       name: p.name, x, y, a: metres(e, "a"), b: metres(e, "b"), turn: ((e.azimuth_deg ?? 0) * Math.PI) / 180,
@@ -40,7 +42,7 @@ export function planView(root, [mode = "2d", chosen], signal) {
 function drawPlan(root, bar, first, signal) {
   const canvas = h("canvas", { tabindex: 0, role: "application", "aria-roledescription": t("plan_role"), "aria-label": t("plan_label"), "aria-describedby": "plan-keys" });
   const told = h("div", { class: "told" }), card = h("div", { class: "chosen", role: "status" });
-  const notice = part(null);
+  const notice = part(null), noPlan = h("p", { class: "problem" }, t("plan_heights_only"), " ", h("a", { href: link("points") }, t("view_points")));
   let points = [];
   const plan = new Plan(canvas, { chosen: describe, hovered: (name) => { if (told.dataset.name !== (name ?? "")) { told.dataset.name = name ?? ""; tell(); } }, drawn: () => tell() });
   const scale = (up) => { plan.factor = niceBelow(plan.factor * (up ? 2.5 : 0.5)); plan.redraw(); };
@@ -81,7 +83,7 @@ function drawPlan(root, bar, first, signal) {
     if (!p) { fill(card); return; }
     const e = p.ellipse ?? {}, d = plan.vectors.find((v) => v.name === name);
     fill(card, h("strong", {}, pointLink(name)), ` ${fixedText(p)}`,
-      h("div", { class: "figure" }, ["x", "y", "z"].filter((a) => isNumber(p[a])).map((a) => `${a} ${fixed(p[a], 4)}`).join("  ")),
+      h("div", { class: "figure" }, ["x", "y", "z"].filter((a) => isNumber(p[a])).map((a) => `${a} ${coordinate(p[a])}`).join("  "), ` ${lengthUnit()}`),
       isNumber(metres(e, "a")) && h("div", {}, t("ellipse_told", { a: mm(metres(e, "a")), b: mm(metres(e, "b")), azimuth: fixed(e.azimuth_deg, 0) })),
       d && h("div", {}, t(d.moved ? "vector_moved" : "vector_kept", { size: mm(Math.hypot(d.dx, d.dy)) })),
       h("div", { class: "row" }, h("a", { href: link("points", name) }, t("open_point")), button("✕", () => { plan.choose(-1); canvas.focus(); }, { class: "icon", "aria-label": t("close") })));
@@ -97,20 +99,21 @@ function drawPlan(root, bar, first, signal) {
     if (first && plan.show(first)) first = null;
   };
   const drawSights = () => { const s = peek(here("sights")); if (s) plan.setSights(s, criticalOf(peek(here("")))); };
-  watch(here(""), (r) => { plan.northern = r.data?.dimension !== 1 && r.data?.northern !== false; drawSights(); }, { signal });
+  watch(here(""), (r) => { if (r.data?.heights_only) notice.node.prepend(noPlan); else noPlan.remove(); if (points.length) setPoints(points); }, { events: ["epoch"], signal });
   watch(here("points"), (r) => notice.show(r, setPoints), { events: ["arrival", "epoch"], least: 2000, signal });
   watch(here("sights"), drawSights, { events: ["arrival"], least: 1000, signal });
   const seen = new Map();
   watch(here("photos"), (r) => {
     const known = seen.size > 0 || r.photosRead, at = Date.now() / 1000;
     r.photosRead = true;
-    plan.setPhotos((r.data ?? []).filter((p) => isNumber(p.east ?? p.x)).map((p) => {
+    plan.setPhotos((r.data ?? []).filter(placed).map((p) => {
       if (!seen.has(p.name)) seen.set(p.name, known ? at : 0);
-      return { ...p, x: p.east ?? p.x, y: p.north ?? p.y, rays: p.rays ?? [], fresh: at - seen.get(p.name) < FRESH };
+      const [x, y] = placed(p);
+      return { ...p, x, y, rays: p.rays ?? [], fresh: at - seen.get(p.name) < FRESH };
     }));
     drawSights();
   }, { events: ["arrival"], least: 1500, signal });
-  on("points", (rows) => plan.move(rows.filter((p) => isNumber(p.x) && !(points[0] && "east" in points[0]))), signal);
+  on("points", (rows) => plan.move(rows.filter(placed).map((p) => ({ name: p.name, x: placed(p)[0], y: placed(p)[1] }))), signal);
   const staleness = () => {
     plan.stale = connection.state === "live" ? "" : t("not_current", { at: stamp(connection.heard, true) });
     plan.redraw();
@@ -125,7 +128,10 @@ function drawPlan(root, bar, first, signal) {
     if (number === "") { plan.setVectors([]); return; }
     vectorWatch = new AbortController();
     signal.addEventListener("abort", () => vectorWatch.abort());
-    watch(here(`epochs/${number}`), (r) => plan.setVectors((r.data?.displacements ?? []).map((d) => ({ name: d.name, dx: metres(d, "dx"), dy: metres(d, "dy"), moved: Boolean(d.moved) })).filter((d) => isNumber(d.dx))), { events: ["epoch"], signal: vectorWatch.signal });
+    watch(here(`epochs/${number}`), (r) => plan.setVectors((r.data?.displacements ?? []).map((d) => {
+      const [dx, dy] = turned(["dx", "dy", "dz"].map((a) => metres(d, a)));
+      return { name: d.name, dx, dy, moved: Boolean(d.moved) };
+    }).filter((d) => isNumber(d.dx))), { events: ["epoch"], signal: vectorWatch.signal });
   }
   let vectorWatch = null, begun = false;
   watch(here("epochs"), (r) => {

@@ -6,6 +6,7 @@ import { context, here, on, peek, watch } from "./live.js";
 import { alarmItem } from "./overview.js";
 import { link, part, pill } from "./parts.js";
 import { fixedText } from "./plan_view.js";
+import { coordinate, lengthUnit, metresOfUnit } from "./plane.js";
 import { observationItem } from "./observation.js";
 import { Table } from "./table.js";
 
@@ -23,7 +24,7 @@ export function points(root, [name], signal) {
     caption: t("points"), open: (p) => (location.hash = link("points", p.name)),
     columns: [
       { title: t("name"), value: (p) => p.name, node: (p) => h("a", { href: link("points", p.name), tabindex: -1 }, p.name) },
-      ...AXES.map((a) => ({ title: `${a} [m]`, number: true, value: (p) => (isNumber(p[a]) ? p[a] : NaN), text: (p) => fixed(p[a], 4), later: a !== "z" })),
+      ...AXES.map((a) => ({ title: `${a} [${lengthUnit()}]`, number: true, value: (p) => (isNumber(p[a]) ? p[a] : NaN), text: (p) => coordinate(p[a]), later: a !== "z" })),
       ...AXES.map((a) => ({ title: `σ ${a} [mm]`, number: true, later: true, value: (p) => 1000 * metres(p, `sigma_${a}`), text: (p) => fixed(1000 * metres(p, `sigma_${a}`), 2) })),
       { title: `${t("sigma_worst")} [mm]`, number: true, value: (p) => 1000 * worstSigma(p), text: (p) => (worstSigma(p) < 0 ? "–" : fixed(1000 * worstSigma(p), 2)) },
       { title: t("state"), value: (p) => fixedText(p), text: (p) => [fixedText(p), alarmed.has(p.name) ? t("alarm") : ""].filter(Boolean).join(", "), node: (p) => [fixedText(p), alarmed.has(p.name) ? [" ", pill("open", t("alarm"))] : null] },
@@ -56,7 +57,7 @@ function point(root, name, signal) {
     if (!p) { fill(now.body, h("p", { class: "problem" }, t("point_unknown", { name }))); return; }
     const e = p.ellipse ?? {};
     fill(now.body, h("p", {}, pill(stateOf(p) === "undetermined" ? "waiting" : "plain", fixedText(p))), figures([
-      ...AXES.filter((a) => isNumber(p[a])).map((a) => [`${a} [m]`, [fixed(p[a], 4), isNumber(metres(p, `sigma_${a}`)) ? h("span", { class: "note" }, ` σ ${mmOf(p, `sigma_${a}`, 2)}`) : null], { "data-figure": a }]),
+      ...AXES.filter((a) => isNumber(p[a])).map((a) => [`${a} [${lengthUnit()}]`, [coordinate(p[a]), isNumber(metres(p, `sigma_${a}`)) ? h("span", { class: "note" }, ` σ ${mmOf(p, `sigma_${a}`, 2)}`) : null], { "data-figure": a }]),
       isNumber(metres(e, "a")) ? [t("ellipse_level", { level: e.level ? `${+(100 * e.level).toPrecision(4)} %` : "" }), `${mmOf(e, "a", 2)} / ${mmOf(e, "b", 2)} / ${fixed(e.azimuth_deg, 0)}°`] : null,
       bound ? [t("protection", { risk: bound.risk }), t("protection_told", { horizontal: levelOf(bound, "horizontal"), vertical: levelOf(bound, "vertical") }), { "data-figure": "protection" }] : null,
     ], { class: "figures small" }), bound?.weakest?.length ? h("p", { class: "note" }, t("protection_weakest", { names: bound.weakest.join(", ") })) : null);
@@ -131,7 +132,7 @@ function drawValues(box, s) {
     ...AXES.filter((a) => (s[a] ?? []).some(isNumber)).flatMap((a) => {
       const sigma = seriesOfMetres(s, `sigma_${a}`);
       return [
-        { title: `${a} [m]`, number: true, value: (r) => s[a][r.i] ?? NaN, text: (r) => fixed(s[a][r.i], 4) },
+        { title: `${a} [${lengthUnit()}]`, number: true, value: (r) => s[a][r.i] ?? NaN, text: (r) => coordinate(s[a][r.i]) },
         { title: `σ ${a} [mm]`, number: true, value: (r) => (sigma[r.i] ?? NaN) * 1000, text: (r) => fixed((sigma[r.i] ?? NaN) * 1000, 2) },
         { title: `Δ${a} [mm]`, number: true, value: (r) => s[`d${a}_mm`]?.[r.i] ?? NaN, text: (r) => fixed(s[`d${a}_mm`]?.[r.i], 2) },
       ];
@@ -150,7 +151,7 @@ function displacementsOf(s, a) {
   const base = s[a][known.filter((i) => i < first).at(-1) ?? known[0]];
   const sigma = seriesOfMetres(s, `sigma_${a}`), ofMoved = seriesOfMetres(s, `sigma_d${a}`);
   return {
-    off: s[a].map((v, i) => (isNumber(moved[i]) ? moved[i] : isNumber(v) ? 1000 * (v - base) : null)),
+    off: s[a].map((v, i) => (isNumber(moved[i]) ? moved[i] : isNumber(v) ? 1000 * metresOfUnit() * (v - base) : null)),
     sigma: s[a].map((_, i) => 1000 * (isNumber(moved[i]) ? ofMoved[i] : sigma[i] ?? NaN)),
   };
 }

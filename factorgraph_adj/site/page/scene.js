@@ -1,14 +1,14 @@
 // The network in three dimensions: points, sights, photos and their rays as they arrive.
 import { axis, chart, plain } from "./charts.js";
 import { button, colour, h } from "./dom.js";
-import { isNumber, t } from "./language.js";
+import { t } from "./language.js";
 import { here, watch } from "./live.js";
 import { part } from "./parts.js";
 import { criticalOf } from "./plan_view.js";
+import { placed } from "./plane.js";
 import { SIGHTS, sightClass } from "./plan.js";
 
 const MOST_SIGHTS = 20000, MOST_RAYS = 20000;
-const place = (p) => (p.east === undefined ? [p.x, p.y, p.z ?? 0] : [p.east, p.north, p.up]);
 
 export async function scene(root, signal) {
   const box = part(null), div = h("div", { class: "plot tall", role: "img", "aria-label": t("scene_label") });
@@ -26,7 +26,7 @@ export async function scene(root, signal) {
   let draw = null;
 
   const make = () => {
-    const at = new Map([...found.points, ...found.photos].filter((p) => place(p).every(isNumber)).map((p) => [p.name, place(p)]));
+    const at = new Map([...found.points, ...found.photos].filter(placed).map((p) => [p.name, placed(p)]));
     const lines = (pairs, name, look, width, dash) => {
       const xyz = [[], [], []];
       for (const [a, b] of pairs) {
@@ -63,7 +63,7 @@ export async function scene(root, signal) {
       scene: {
         camera: { eye: div.clientWidth < div.clientHeight ? { x: 1.35, y: -1.95, z: 1.1 } : { x: 1.1, y: -1.5, z: 0.9 } }, aspectmode: "manual",
         aspectratio: { x: Math.max(1.6 * span[0] / most, 0.08), y: Math.max(1.6 * span[1] / most, 0.08), z: Math.max(1.6 * span[2] * times.factor / most, 0.08) },
-        xaxis: title("x"), yaxis: title("y"), zaxis: title("z"),
+        xaxis: title(`${t("east")} [m]`), yaxis: title(`${t("north")} [m]`), zaxis: title(`${t("up")} [m]`),
       },
     } };
   };
