@@ -27,7 +27,8 @@ def archive(tmp_path):
     folder = tmp_path / "site"
     folder.mkdir()
     with site_of(folder) as site:
-        posted(yard_of(site), *REQUESTED[:4])
+        for reading in REQUESTED[:4]:  # each a line: what waits together is one
+            posted(yard_of(site), reading)
         site.access.add("office", "viewer")
         counts = write_archive(folder, tmp_path / "site.zip")
         posted(yard_of(site), *REQUESTED[4:])
