@@ -104,7 +104,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -115,6 +114,7 @@ from typing import Any
 from ..blas_threads import one_at_a_time
 from ..errors import AdjustmentError, InputError, Problem, known
 from ..incremental.adjustment import IncrementalAdjustment
+from ..incremental.arrival import Arrival
 from ..io.csv_tables import FieldRow
 from ..io.file_transaction import write_files
 from ..io.json_records import photo_of, point_of, unknown_of
@@ -126,6 +126,8 @@ from ..statistical_tests import POWER_OF_TEST
 from . import requests
 from .answers import Answer, Answers, fault, fields_of, refusal
 
+CHANGED_WITHOUT_ANSWER = "the graph has changed, and the answer failed"
+"""What is said instead of calling a line refused that was not."""
 DEFAULT_LIST_LENGTH = 10
 """Default number of observations in the lists of ``reliability``."""
 
@@ -202,9 +204,25 @@ class Stream:
         return self._answer(lambda: requests.parse_line(line), number)
 
     @one_at_a_time
-    def answer_record(self, fields: Mapping[str, Any], number: int) -> Answer:
-        """Answer the fields of a line, as `answer` does."""
-        return self._answer(partial(dict, fields), number)
+    def answer_record(
+        self, fields: Mapping[str, Any], number: int, *, time: float | None = None
+    ) -> Answer:
+        """Answer the fields of a line, as `answer` does.
+
+        Args:
+            fields: the fields.
+            number: number of the line.
+            time: when an observation came, seconds, where the adjustment keeps seconds.
+
+        Raises:
+            RuntimeError: the line has changed the graph, and its answer failed: it must not be
+                called refused.
+        """
+        before = self.adjustment.latest
+        answer = self._answer(partial(dict, fields), number, time)
+        if not answer["ok"] and self.adjustment.latest is not before:
+            raise RuntimeError(f"{CHANGED_WITHOUT_ANSWER}: {answer['error']}")
+        return answer
 
     @one_at_a_time
     def answer_together(
@@ -219,19 +237,25 @@ class Stream:
             records: the fields of the lines.
             number: number of the first one.
             time: when they came, seconds, where the adjustment keeps seconds.
+
+        Raises:
+            RuntimeError: observations have entered, and their answers failed: they must not be
+                called refused.
         """
-        if len(records) > 1:
-            with suppress(AdjustmentError):  # each is told alone then what is wrong with it
-                begun = perf_counter()
-                told = self._observations(records, time)
-                counts, seconds = self.answers.counts(), round(perf_counter() - begun, 6)
-                after = {"counts": counts, "seconds": seconds}
-                answers = (
-                    {"line": n, "ok": True, **a, **after} for n, a in enumerate(told, number)
-                )
-                return [dict(finite_json(answer)) for answer in answers]
-        lines = enumerate(map(dict, records), number)
-        return [self._answer(partial(dict, fields), n, time) for n, fields in lines]
+        before, begun = self.adjustment.latest, perf_counter()
+        try:
+            if len(records) > 1:
+                told = self.answers.arrivals(*self._arrival(records, time))
+                counts = self.answers.counts()
+                after = {"counts": counts, "seconds": round(perf_counter() - begun, 6)}
+                lines = enumerate(told, number)
+                return [dict(finite_json({"line": n, "ok": True, **a, **after})) for n, a in lines]
+        except Exception as error:
+            if self.adjustment.latest is not before:
+                raise RuntimeError(CHANGED_WITHOUT_ANSWER) from error
+        return [
+            self.answer_record(fields, n, time=time) for n, fields in enumerate(records, number)
+        ]
 
     def _answer(
         self, given: Callable[[], dict[str, Any]], number: int, time: float | None = None
@@ -242,7 +266,7 @@ class Stream:
             if "do" in fields:
                 said = self._command(fields)
             else:
-                (said,) = self._observations([fields], time)
+                (said,) = self.answers.arrivals(*self._arrival([fields], time))
             out: Answer = {"line": number, "ok": True, **said}
         except AdjustmentError as error:
             out = refusal(number, error)
@@ -272,10 +296,10 @@ class Stream:
             requests.refuse_noted_problems(row)
         return {"do": do, **command.run(self, row)}
 
-    def _observations(
+    def _arrival(
         self, records: Sequence[Mapping[str, object]], time: float | None
-    ) -> list[Answer]:
-        """Add the observations of lines."""
+    ) -> tuple[Arrival, list[int]]:
+        """Add the observations of lines; return their arrival, and how many each line has."""
         given = []
         for fields in records:
             if "kind" not in fields:
@@ -283,7 +307,7 @@ class Stream:
                 raise InputError(Problem(f"{what}; fields: {known(fields, most=6)}"))
             given.append(requests.observation_of_record(fields, self.context))
         sizes = [len(o.observations) if isinstance(o, Correlated) else 1 for o in given]
-        return self.answers.arrivals(self.adjustment.add(given, time=time), sizes)
+        return self.adjustment.add(given, time=time), sizes
 
     # -- commands that change the graph ---------------------------------------------------------
 

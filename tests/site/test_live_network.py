@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from sqlalchemy import event, func, select
 
 from factorgraph_adj.errors import InputError
+from factorgraph_adj.incremental.adjustment import IncrementalAdjustment
+from factorgraph_adj.service import requests as requests_of_lines
+from factorgraph_adj.service.answers import Answers
 from factorgraph_adj.service.stream import Stream
 from factorgraph_adj.site.database import DatabaseAway
 from factorgraph_adj.site.tables import epochs, journal, requests
@@ -19,6 +23,8 @@ pytestmark = pytest.mark.usefixtures("store")
 HOUR = 3600.0
 BARE = [{k: v for k, v in a.items() if k != "id"} for a in ARRIVALS]
 """The readings of the yard without ids of their own, so that they may come again."""
+BROKEN = "h1"
+"""Id of a reading with which the program fails in a test."""
 BEGIN = 1_700_000_000.0 - 1_700_000_000.0 % HOUR
 
 
@@ -122,6 +128,46 @@ def test_a_wrong_reading_among_those_that_wait_is_the_one_that_is_rejected(tmp_p
     assert together == [2 * len(ARRIVALS) + 1]
     verdicts = [a["verdict"] for a in answers]
     assert verdicts == ["accepted"] * len(ARRIVALS) + ["rejected"] + ["accepted"] * len(ARRIVALS)
+
+
+def test_a_fault_with_one_of_those_that_wait_does_not_refuse_the_others(tmp_path, monkeypatch):
+    """A fault of the program, too, and nothing enters twice."""
+    add = IncrementalAdjustment.add
+
+    def failing(self, given=(), **options):
+        if any(o.source == "bad" for o in given):
+            raise ZeroDivisionError
+        return add(self, given, **options)
+
+    of_record = requests_of_lines.observation_of_record
+
+    def marked(fields, context):
+        found = of_record(fields, context)
+        return replace(found, source="bad") if fields["id"] == BROKEN else found
+
+    monkeypatch.setattr(IncrementalAdjustment, "add", failing)
+    monkeypatch.setattr(requests_of_lines, "observation_of_record", marked)
+    with site_of(tmp_path) as site:
+        answers = submitted(yard_of(site), *ARRIVALS)
+        assert [a["ok"] for a in answers] == [a["id"] != BROKEN for a in ARRIVALS]
+        with yard_of(site).reading() as epoch:
+            assert len(epoch.stream.adjustment) == len(ARRIVALS) - 1
+
+
+@pytest.mark.parametrize("number", [1, len(ARRIVALS)])
+def test_readings_whose_answer_fails_have_not_entered(tmp_path, monkeypatch, number):
+    """They are not called refused while they are in; they come again, and enter once."""
+
+    def failing(*_):
+        raise InputError("no answer")
+
+    with site_of(tmp_path) as site:
+        live = yard_of(site)
+        with monkeypatch.context() as broken, pytest.raises(RuntimeError, match="has changed"):
+            broken.setattr(Answers, "arrivals", failing)
+            submitted(live, *ARRIVALS[:number])
+        answers = submitted(live, *ARRIVALS)
+        assert answers[-1]["counts"]["observations"] == len(ARRIVALS)
 
 
 def test_readings_of_two_epochs_do_not_arrive_together(tmp_path, monkeypatch):
