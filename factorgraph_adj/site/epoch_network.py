@@ -28,7 +28,7 @@ def network_of_epoch(project: Network, last: IncrementalAdjustment | None) -> Ne
         out.image_mask(np.zeros(out.n_image_points, dtype=bool))
     if last is None:
         return out
-    described = last.described
+    described = last.entities
     for name, camera in described.cameras.items():
         out.cameras.setdefault(name, camera)
     for name, point in described.points.items():

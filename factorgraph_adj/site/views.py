@@ -37,7 +37,7 @@ class EpochView:
 
     def summary(self) -> Answer:
         """Return what there is, in which units, and the bounds of tests."""
-        network, ready = self.adjustment.described, self.stream.ready()
+        network, ready = self.adjustment.entities, self.stream.ready()
         out = {n: ready[n] for n in ("units", "policy", "alpha", "power", "counts")}
         out |= {"points": len(network.points), "photos": len(network.photos)}
         held = [np.array(p.fixed) for p in network.points.values()]
@@ -63,7 +63,7 @@ class EpochView:
 
         Its origin is in metres.
         """
-        network = self.adjustment.described
+        network = self.adjustment.entities
         xyz = np.array([p.coordinates for p in network.points.values()]).reshape(-1, 3)
         xyz = xyz[np.isfinite(xyz).all(axis=1)]
         if isinstance(network.frame, GeocentricFrame) and not len(xyz):
@@ -83,7 +83,7 @@ class EpochView:
 
     def points(self) -> list[Answer]:
         """Return all points, with coordinates where there are any."""
-        network, solution = self.adjustment.described, self.solution()
+        network, solution = self.adjustment.entities, self.solution()
         unit = self.stream.context.units.sigma_length
         size = LENGTH[unit]
         found: dict[str, Answer] = {}
@@ -114,7 +114,7 @@ class EpochView:
 
     def photos(self) -> list[Answer]:
         """Return the photos that are determined, with the points that they see."""
-        network, out = self.adjustment.described, []
+        network, out = self.adjustment.entities, []
         solution = self.solution()
         if solution is None:
             return []
