@@ -165,16 +165,16 @@ def test_a_value_is_replaced_in_the_service(browser, yard):
 def test_a_service_that_was_away_is_caught_up_with(browser, yard):
     with visit(browser, yard) as v:
         _go(v, "verdicts")
-        yard.post(*ARRIVALS)
-        v.sees("#view li.accepted")
-        before = v.page.locator("#view li.accepted").count()
+        taken = yard.post(*ARRIVALS)
+        for answer in taken:  # they are drawn one after another
+            v.sees(f"[data-id='{answer['id']}'].accepted")
         yard.stop()
         v.sees(".banner", "Connection lost since")
         yard.start()
         (answer,) = yard.post(WRONG)
         v.sees(f"[data-id='{answer['id']}'][data-verdict=rejected]")
         v.page.wait_for_selector(".banner", state="hidden")
-        assert v.page.locator("#view li.accepted").count() == before
+        assert v.page.locator("#view li.accepted").count() == len(taken)
 
 
 def test_a_displacement_is_seen_in_its_epoch_and_in_the_series(browser, watched):
