@@ -28,6 +28,8 @@ EXTRA_MISSING = "a client of a site needs httpx2: pip install 'factorgraph_adj[s
 """Message where the extra is missing."""
 FIRST_WAIT, LONGEST_WAIT = 0.2, 30.0
 """Time before the first new try, and the longest between two, seconds."""
+AGAIN = (429, 502, 503, 504)
+"""Statuses after which a request is tried again."""
 ANSWER_SECONDS = 150.0
 """Time after which an answer does not come any more, seconds."""
 SILENCE_SECONDS = 45.0
@@ -64,6 +66,7 @@ class Client:
         *,
         token: str | None = None,
         patience: float = 120.0,
+        longest_wait: float = LONGEST_WAIT,
         certificate: str | Path | None = None,
         transport: httpx2.BaseTransport | None = None,
     ) -> None:
@@ -73,6 +76,7 @@ class Client:
             url: address of the site, such as ``https://site.example.org:8437/``.
             token: token of access; None: for a site that needs none.
             patience: time for which a request is tried again, seconds.
+            longest_wait: longest time between two tries where the site states none, seconds.
             certificate: file with certificates to trust (PEM); None: those of the system.
             transport: another transport of httpx2.
 
@@ -95,6 +99,7 @@ class Client:
             except (OSError, ssl.SSLError) as error:
                 raise InputError(Problem(str(error), str(certificate))) from None
         self.url, self.patience = url.rstrip("/"), patience
+        self.longest_wait = longest_wait
         self._http = httpx2.Client(
             base_url=f"{self.url}/api/v1",
             headers=headers,
@@ -129,12 +134,12 @@ class Client:
         import httpx2
 
         until = clock.monotonic() + (self.patience if patience is None else patience)
-        wait, why = FIRST_WAIT, ""
+        wait, why = min(FIRST_WAIT, self.longest_wait), ""
         while True:
             stated = 0.0
             try:
                 response = self._http.request(method, path, **options)
-                if response.status_code not in (429, 502, 503, 504):
+                if response.status_code not in AGAIN:
                     return self._checked(response)
                 why = _said(response)
                 stated = _seconds(response.headers.get("retry-after", ""))
@@ -143,7 +148,7 @@ class Client:
             pause = max(stated, wait * random.uniform(0.5, 1.0))
             if clock.monotonic() + pause > until or self._stopped.wait(pause):
                 raise ServiceAway(f"{self.url} does not answer: {why}")
-            wait = min(2.0 * wait, LONGEST_WAIT)
+            wait = min(2.0 * wait, self.longest_wait)
 
     def _checked(self, response: httpx2.Response) -> httpx2.Response:
         if response.is_success:
@@ -279,21 +284,25 @@ class Client:
         import httpx2
 
         timeout = httpx2.Timeout(SILENCE_SECONDS, connect=10.0)
-        last, wait, until = after, FIRST_WAIT, clock.monotonic() + self.patience
+        first = min(FIRST_WAIT, self.longest_wait)
+        last, wait, until = after, first, clock.monotonic() + self.patience
         while not self._stopped.is_set():
             query: dict[str, Any] = {"network": list(networks)} if networks else {}
             headers = {} if last is None else {"Last-Event-ID": str(last)}
-            why = "the connection ended"
+            why, stated = "the connection ended", 0.0
             try:
                 with self._http.stream(
                     "GET", "/events", params=query, headers=headers, timeout=timeout
                 ) as response:
-                    if response.status_code not in (429, 502, 503, 504):
-                        if not response.is_success:
-                            response.read()
-                            self._checked(response)
+                    if not response.is_success:
+                        response.read()
+                    if response.status_code in AGAIN:
+                        why = _said(response)
+                        stated = _seconds(response.headers.get("retry-after", ""))
+                    else:
+                        self._checked(response)
                         for event in _events(response.iter_lines()):
-                            wait, until = FIRST_WAIT, clock.monotonic() + self.patience
+                            wait, until = first, clock.monotonic() + self.patience
                             if event is not None:
                                 last = event.id
                                 yield event
@@ -301,8 +310,8 @@ class Client:
                 why = str(error) or type(error).__name__
             if clock.monotonic() > until:
                 raise ServiceAway(f"{self.url} does not answer: {why}")
-            self._stopped.wait(wait * random.uniform(0.5, 1.0))
-            wait = min(2.0 * wait, LONGEST_WAIT)
+            self._stopped.wait(max(stated, wait * random.uniform(0.5, 1.0)))
+            wait = min(2.0 * wait, self.longest_wait)
 
 
 def _events(lines: Iterator[str]) -> Iterator[Event | None]:

@@ -14,6 +14,7 @@ import sys
 import threading
 import time
 from collections import Counter
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -28,12 +29,14 @@ from tests.networks.yard import ARRIVALS
 from tests.support.pages import chromium
 from tests.support.places import ROOT
 from tests.support.processes import HANGS
-from tests.support.sending_process import BEGIN, ENOUGH, listed
+from tests.support.sending_process import BEGIN, ENOUGH, LONGEST_WAIT, listed
 from tests.support.site_processes import SiteProcess
 from tests.support.sites import site_of, yard_of, yard_site
 
-PAUSE = 0.05
+PAUSE = 0.2
 """Least real time between two readings of a sender, seconds."""
+RUNS = 1.5
+"""Longest time for which a site runs after its first answer, seconds."""
 SENDER_KILLS = 0.15
 """Share of the kills of the site with which a sender is killed too."""
 WITHIN = 1e-6
@@ -56,6 +59,8 @@ class Campaign:
     """Ids of observations that senders had in their outboxes."""
     acknowledged: set[str] = field(default_factory=set)
     """Ids whose answer came."""
+    repeated: set[str] = field(default_factory=set)
+    """Ids that the site had when they came again: it was killed between its disk and its answer."""
     refused: list[str] = field(default_factory=list)
     seen: Counter[str] = field(default_factory=Counter)
     """How often the follower saw each arrive."""
@@ -76,6 +81,8 @@ class Sender:
 
     def __init__(self, url: str, folder: Path, number: int, seed: int) -> None:
         self.folder, self.number = folder, number
+        self.log = folder / f"sender{number}.log"
+        """What it prints."""
         self.arguments = [url, str(folder), str(number), str(seed), str(PAUSE)]
         self.begin()
 
@@ -92,10 +99,9 @@ class Sender:
                 stderr=log,
             )
 
-    @property
-    def log(self) -> Path:
-        """What it printed."""
-        return self.folder / f"sender{self.number}.log"
+    def noted(self, name: str) -> list[str]:
+        """Return a list of the sender."""
+        return listed(self.folder, name, self.number)
 
     def kill(self) -> None:
         """Kill the process at once."""
@@ -104,7 +110,14 @@ class Sender:
 
 
 def campaign(
-    folder: Path, *, kills: int, seed: int, senders: int = 3, page: bool = False, until: float = 0.0
+    folder: Path,
+    *,
+    kills: int,
+    seed: int,
+    senders: int = 3,
+    page: bool = False,
+    until: float = 0.0,
+    told: Callable[[Campaign], None] = lambda found: None,
 ) -> Campaign:
     """Kill a site at random moments, and return what senders, a follower and a page saw.
 
@@ -115,14 +128,11 @@ def campaign(
         senders: number of senders.
         page: whether a browser has the page open.
         until: time at which no further kill begins, seconds since 1970; 0: there is none.
+        told: takes what was found so far, after each kill.
     """
     rng = np.random.default_rng(seed)
     out, enough = Campaign(), threading.Event()
     site = SiteProcess(yard_site(folder, epochs="1 h"))
-    site.start()
-    for record in ARRIVALS:
-        with Client(site.url) as client:
-            assert client.post("yard", {**record, "time": BEGIN + 1.0})["ok"]
     problems: list[BaseException] = []
 
     def follow(client: Client) -> None:
@@ -140,10 +150,16 @@ def campaign(
         except BaseException as error:
             problems.append(error)
 
-    follower = Client(site.url, patience=HANGS)
-    listening = threading.Thread(target=follow, args=(follower,), daemon=True)
-    listening.start()
     with ExitStack() as stack:
+        stack.callback(site.end)
+        site.start()
+        with Client(site.url) as client:
+            for record in ARRIVALS:
+                assert client.post("yard", {**record, "time": BEGIN + 1.0})["ok"]
+        follower = Client(site.url, patience=HANGS, longest_wait=LONGEST_WAIT)
+        stack.callback(follower.close)
+        stack.callback(enough.set)
+        threading.Thread(target=follow, args=(follower,), daemon=True).start()
         browser = _page(stack, site.url) if page else None
         running = [Sender(site.url, folder, k, seed) for k in range(senders)]
         for sender in running:
@@ -155,7 +171,7 @@ def campaign(
                 begun = time.monotonic()
                 site.wait()
                 out.restarts.append(time.monotonic() - begun)
-                time.sleep(float(rng.uniform(0.0, 0.7)))
+                time.sleep(float(rng.uniform(0.0, RUNS)))
             site.kill()
             out.kills += 1
             assert not problems, problems
@@ -166,21 +182,29 @@ def campaign(
                 chosen.begin()
                 out.sender_kills += 1
             site.begin()
+            _note(out, running)
+            told(out)
         site.wait()
         (folder / ENOUGH).touch()
         for sender in running:
             assert sender.process.wait(HANGS) == 0, sender.log.read_text()
-            out.put |= {i for i in listed(folder, "put", sender.number) if i}
-            out.acknowledged |= {i for i in listed(folder, "acknowledged", sender.number) if i}
-            out.refused += [r for r in listed(folder, "refused", sender.number) if r]
+        _note(out, running)
         _wait(lambda: out.put <= out.seen.copy().keys())
         enough.set()
         if browser is not None:
             _wait(lambda: _states(browser, site.url, out))
         follower.close()
-    assert site.stop() in (0, -signal.SIGTERM), site.log.read_text()
+        assert site.stop() in (0, -signal.SIGTERM), site.log.read_text()
     assert not problems, problems
     return out
+
+
+def _note(out: Campaign, senders: Sequence[Sender]) -> None:
+    """Note what senders have listed."""
+    out.put = {i for s in senders for i in s.noted("put")}
+    out.acknowledged = {i for s in senders for i in s.noted("acknowledged")}
+    out.repeated = {i for s in senders for i in s.noted("repeated")}
+    out.refused = [r for s in senders for r in s.noted("refused")]
 
 
 def _wait(happens: Any) -> None:
@@ -232,8 +256,10 @@ def differences_of_page(found: Campaign) -> list[str]:
         out.append(f"connection {page['connection']}")
     if len(set(page["events"])) != len(page["events"]):
         out.append("doubled events")
-    if page["events"][-LATEST:] != service["events"][-len(page["events"][-LATEST:]) :]:
-        out.append("events")
+    latest = page["events"][-LATEST:]
+    if latest != (stated := service["events"][-len(latest) :]):
+        lacks, more = sorted({*stated} - {*latest}), sorted({*latest} - {*stated})
+        out.append(f"events: the page lacks {lacks} and has {more} more, in order {latest}")
     # The order of the verdicts of one answer is that of the page; all that both have are the same.
     rows, stated = Counter(page["rows"][:ROWS]), Counter(service["rows"])
     if not rows or set(rows.values()) != {1} or not rows <= stated:

@@ -80,6 +80,11 @@ class SiteProcess:
         os.kill(self.process.pid, signal.SIGKILL)
         self._ended()
 
+    def end(self) -> None:
+        """Kill the process where it still runs."""
+        if self.process is not None and self.process.poll() is None:
+            self.kill()
+
     def stop(self) -> int:
         """Ask the process to end, and return its exit code."""
         assert self.process is not None

@@ -30,7 +30,8 @@ function change(state) {
   connection.state = state;
   connection.since = now();
   emit("connection", { before });
-  if (state === "live" && before === "lost") readAllAgain();
+  // The events that were missed come by themselves, in their order: the log is not read again.
+  if (state === "live" && before === "lost") readResources();
 }
 
 function heard() {
@@ -110,8 +111,12 @@ export const verdictsOf = (answer) => [
 ];
 
 function take(entry, fresh) {
-  if (entry.id !== null && context.log.some((e) => e.id === String(entry.id))) return;
   entry.id = entry.id === null ? null : String(entry.id);
+  if (entry.id !== null && context.log.some((e) => e.id === entry.id)) {
+    // The log was read after this event, the resources perhaps before it.
+    if (fresh) wishAll(entry.event);
+    return;
+  }
   context.log.push(entry);
   if (context.log.length > MOST_LOGGED) context.log.splice(0, context.log.length - MOST_LOGGED);
   const answer = answerOf(entry.data);
@@ -124,8 +129,12 @@ function take(entry, fresh) {
   }
   if (fresh) {
     emit("event", entry);
-    for (const resource of resources.values()) if (resource.events.has(entry.event)) resource.wish();
+    wishAll(entry.event);
   }
+}
+
+function wishAll(kind) {
+  for (const resource of resources.values()) if (resource.events.has(kind)) resource.wish();
 }
 
 // Coordinates and σ of points come with the answers; ellipses with the next reading.
@@ -205,8 +214,11 @@ export function watch(path, show, { events = [], least = 400, every = 0, signal 
 
 export const peek = (path) => resources.get(path)?.data;
 export const errorOf = (path) => resources.get(path)?.error ?? null;
-export function readAllAgain() {
+function readResources() {
   for (const resource of resources.values()) { resource.begun = 0; resource.wish(); }
+}
+export function readAllAgain() {
+  readResources();
   if (context.network) fillLog();
 }
 
@@ -221,9 +233,9 @@ async function fillLog() {
     context.states.clear();
     for (const e of [...found, ...mine]) take({ id: e.id, event: e.event, data: e.data }, false);
     context.log.sort((a, b) => Number(a.id) - Number(b.id));
-    const newest = context.log.at(-1)?.id;
-    // What comes between this reading and the connection is not missed, also where the log was empty.
-    if (lastId === null || Number(newest ?? 0) > Number(lastId)) lastId = newest ?? "0";
+    // What comes between this reading and the connection is not missed, also where the log was
+    // empty. A connection that stands knows itself what it has sent.
+    lastId ??= context.log.at(-1)?.id ?? "0";
     emit("log");
   } catch { /* an older service has no log: the list begins with what comes */ }
 }
