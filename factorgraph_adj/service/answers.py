@@ -308,7 +308,10 @@ class Answers:
         }
 
     def causes(self, found: Causes | None) -> Answer:
-        """Return the causes of misfits; empty where nothing misfits."""
+        """Return the causes of misfits; empty where nothing misfits.
+
+        Errors and their σ are in SI, image units or ppm, by the quantity of each.
+        """
         if found is None:
             return {"most_probable": None, "undecided": [], "causes": []}
         return {
@@ -316,6 +319,7 @@ class Answers:
             "undecided": list(found.undecided),
             "causes": [
                 fields_of(c, "cause", "where", "t2", "dof", "critical")
+                | {"components": list(c.components), "quantities": list(c.sizes)}
                 | {"error": c.error.tolist(), "sigma": c.sigma.tolist(), "ids": list(c.ids)}
                 for c in found.found
             ],

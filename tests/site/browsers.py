@@ -63,8 +63,9 @@ def visit(
     scheme: str = "light",
     at: str = "",
     wait: bool = True,
+    blank: bool = False,
 ) -> Iterator[Visitor]:
-    """Open the page in a context of its own."""
+    """Open the page in a context of its own; ``blank``: the visitor opens it."""
     phone = size == PHONE
     context = browser.new_context(
         viewport={"width": size[0], "height": size[1]},
@@ -81,8 +82,9 @@ def visit(
     page.on("console", lambda m: found.said.append(m.text))
     page.on("pageerror", lambda e: found.said.append(f"error {e}"))
     page.on("request", lambda r: found.requests.append(r.url))
-    page.goto(server.url + at)
-    if wait:
+    if not blank:
+        page.goto(server.url + at)
+    if wait and not blank:
         page.wait_for_selector("html[data-ready]", state="attached")
         page.wait_for_selector("h1")
     try:

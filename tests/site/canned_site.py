@@ -18,6 +18,10 @@ Record = dict[str, Any]
 CRITICAL = 3.29
 DAY = 86400.0
 AXES = "xyz"
+EN = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+NE = ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+HORIZON = ((-0.17365, 0.98481, 0.0), (-0.75441, -0.13302, 0.64279), (0.63302, 0.11162, 0.76604))
+"""East, north and up in geocentric axes at 50° N, 10° E."""
 STATES = {"receiving": "ok", "silent": "silent", "stopped": "stopped"}
 """States of instruments by those of their connections; any other is faulty."""
 UNITS = {"length": "m", "angle": "gon", "sigma_length": "mm", "sigma_angle": "mgon"}
@@ -44,9 +48,17 @@ class CannedNetwork:
     epochs: list[Record]
     observations: dict[str, Record] = field(default_factory=dict)
     """Rows of observations that have been posted or decided, by id."""
-    sigma0: float = 0.98
-    first: float = 0.0
-    """Time of the first epoch."""
+    sigma0: float | None = 0.98
+    length_m: float = 1.0
+    """Unit of coordinates, metres."""
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Origin of the plane of drawings in the axes of the frame, metres."""
+    plane: tuple[tuple[float, float, float], ...] = EN
+    """East, north and up in the axes of the frame."""
+    heights_only: bool = False
+    """Whether there is no plan."""
+    compared: str = AXES
+    """Axes of the frame in which epochs are compared."""
 
     def counts(self) -> Record:
         states = [o["state"] for o in self.observations.values()]
@@ -57,7 +69,7 @@ class CannedNetwork:
             "suspects": states.count("suspect"),
             "rejected": states.count("rejected"),
             "doubts": 0,
-            "redundancy": max(n - 3 * len(self.points), 7),
+            "redundancy": 0 if self.sigma0 is None else max(n - 3 * len(self.points), 7),
             "sigma0": self.sigma0,
         }
 
@@ -65,15 +77,15 @@ class CannedNetwork:
         return {
             "name": self.name,
             "title": self.title,
-            "units": UNITS,
-            "length_m": 1.0,
-            "plane": {"origin": [0.0] * 3, "axes": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "note": ""},
-            "heights_only": False,
+            "units": UNITS | {"length": "m" if self.length_m == 1.0 else "mm"},
+            "length_m": self.length_m,
+            "plane": {"origin": self.origin, "axes": self.plane, "note": ""},
+            "heights_only": self.heights_only,
             "counts": self.counts(),
             "points": len(self.points),
             "photos": len(self.photos),
             "sigma0": self.sigma0,
-            "sigma0_limits": [0.87, 1.14],
+            "sigma0_limits": None if self.sigma0 is None else [0.87, 1.14],
             "redundancy": self.counts()["redundancy"],
             "epoch": {k: self.epochs[-1][k] for k in ("number", "begin", "end", "state")},
             "policy": "flag",
@@ -162,6 +174,31 @@ def small(now: float) -> CannedNetwork:
         [("suspect", None), ("suspect", None), ("rejected", None), ("waiting", "coordinates of D9")]
     ):
         made.observations[f"s{k}"] = verdict_row(draw, f"s{k}", state, "P1", f"D{k + 1}", lacks)
+    return made
+
+
+def framed(now: float, name: str, title: str, **frame: Any) -> CannedNetwork:
+    """Return the dam in another frame, see the fields of `CannedNetwork`."""
+    made = small(now)
+    made.name, made.title = name, title
+    for field_name, value in frame.items():
+        setattr(made, field_name, value)
+    for p in made.points:
+        if p["x"] is not None:
+            place = [p[a] for a in AXES]
+            for i, axis in enumerate(AXES):
+                turned = sum(row[i] * v for row, v in zip(made.plane, place, strict=True))
+                p[axis] = (turned + made.origin[i]) / made.length_m
+    return made
+
+
+def levelling(now: float) -> CannedNetwork:
+    """Return the dam where heights alone are known, and have been observed."""
+    made = framed(now, "levelling", "Levelling", heights_only=True, compared="z")
+    for p in made.points:
+        p |= {"x": 0.0, "y": 0.0, "sigma_x_mm": 0.0, "sigma_y_mm": 0.0, "ellipse": None}
+    for s in made.sights:
+        s["kind"] = "height_difference"
     return made
 
 
@@ -264,13 +301,21 @@ class CannedSite:
     def __init__(self) -> None:
         now = time()
         self.changed = Condition()
-        self.networks = {n.name: n for n in (small(now), tunnel(now), large(now))}
+        every = (small(now), tunnel(now), large(now), levelling(now))
+        every += (
+            framed(now, "heights", "Heights compared", compared="z"),
+            framed(now, "north", "North first, mm", plane=NE, length_m=1e-3),
+            framed(now, "world", "Geocentric", plane=HORIZON, origin=(4.04e6, 7.13e5, 4.86e6)),
+        )
+        self.networks = {n.name: n for n in every}
         self.log: list[Record] = []
         self.requests: dict[str, Record] = {}
         self.draw = random.Random(4)
         self.number = 0
         self.away = False
         """Whether the database is away."""
+        self.hanging = "?"
+        """End of the path of requests that get no answer."""
         self.beating = True
         """Whether beats are sent; a connection without them hangs."""
         self.doubts: list[str] = []
@@ -452,17 +497,17 @@ class CannedSite:
             size = 9.0 if p["name"] in moved else 0.8
             d = {f"d{a}_mm": draw.gauss(size if p["name"] in moved else 0, 0.7) for a in AXES}
             rows.append(
-                {"name": p["name"], **d}
-                | {f"sigma_d{a}_mm": 1.1 for a in AXES}
+                {"name": p["name"]}
+                | {k: v if k[1] in net.compared else None for k, v in d.items()}
+                | {f"sigma_d{a}_mm": 1.1 if a in net.compared else None for a in AXES}
                 | {"T": 6.2 if p["name"] in moved else 0.8, "critical": 3.8}
                 | {"moved": p["name"] in moved, "detectable_mm": 4.4, "alarm_detectable_mm": 5.1}
             )
-        blocks = [{"points": moved, "translation_mm": [9.1, 8.8, 9.4], "moved": True}]
         return found | {
             "points": net.points[:200],
             "displacements": rows,
             "against": 0,
-            "blocks": blocks if moved else [],
+            "blocks": block(moved, net.compared, turned=number == 9) if moved else [],
         }
 
     def series(self, network: str, name: str) -> Record:
@@ -477,9 +522,15 @@ class CannedSite:
         out["times"] = [e["time"] for e in epochs]
         motion: Record = {"times": out["times"][1:]}
         for a in AXES:
-            out[a] = [p[a] + creep * k + draw.gauss(0, 6e-4) for k in range(n)]
+            one = net.length_m
+            out[a] = [p[a] + (creep * k + draw.gauss(0, 6e-4)) / one for k in range(n)]
             out[f"sigma_{a}_mm"] = [0.6] * n
-            of_epochs = [1e3 * (x - out[a][0]) for x in out[a][1:]]
+            of_epochs = [1e3 * one * (x - out[a][0]) for x in out[a][1:]]
+            if a not in net.compared:
+                # Not compared, not observed: the place stays.
+                out[a] = [p[a]] * n
+                out[f"d{a}_mm"] = out[f"sigma_d{a}_mm"] = [None] * n
+                continue
             out[f"d{a}_mm"], out[f"sigma_d{a}_mm"] = [None, *of_epochs], [None, *[0.8] * (n - 1)]
             motion[f"displacement_{a}_mm"] = [1e3 * creep * k for k in range(1, n)]
             motion[f"velocity_{a}_mm_per_day"] = [4e3 * creep] * (n - 1)
@@ -527,6 +578,23 @@ class CannedSite:
             if not p["fixed"] and p["determined"] and (not wanted or p["name"] in wanted)
         ]
         return {"risk": 1e-3, "faults": 2, "accepted": True, "rows": rows}
+
+
+def block(points: list[str], compared: str, *, turned: bool) -> list[Record]:
+    """Return the common motion of points, which is not that of a rigid block where it turns."""
+    out: Record = {"points": points, "moved": True, "test": 41.7, "critical": 3.1}
+    out |= {"rigid": not turned, "fit": 5.2 if turned else 0.8, "fit_critical": 3.7}
+    for what, unit, values, sigma in (
+        ("translation", "mm", (9.1, 8.8, 9.4), 0.9),
+        ("rotation", "mgon", (None, None, 12.4 if turned else 0.3), 3.3),
+    ):
+        known = [
+            v if a in compared and v is not None else None
+            for a, v in zip(AXES, values, strict=True)
+        ]
+        out[f"{what}_{unit}"] = known
+        out[f"sigma_{what}_{unit}"] = [None if v is None else sigma for v in known]
+    return [out]
 
 
 def without(answer: Record) -> Record:

@@ -9,6 +9,7 @@ pytest.importorskip("uvicorn", reason="the service of a site needs the extra ser
 
 from tests.site.browsers import DESK, PHONE, VIEWS, visit
 from tests.site.canned_server import CannedServer
+from tests.site.page_audits import audit
 from tests.support.pages import chromium
 
 LONG = pytest.mark.slow("every view in both languages, themes and sizes; short tests see one")
@@ -24,7 +25,6 @@ UNCOVERED = """() => [...document.querySelectorAll('.banner:not([hidden]), main 
     return !e.contains(document.elementFromPoint(b.left + 4, b.top + b.height / 2)); })
   .map(e => e.outerHTML)"""
 """Titles and banners that something else covers."""
-WIDER = "() => document.documentElement.scrollWidth - innerWidth"
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +84,7 @@ def test_every_view_is_quiet_named_and_as_wide_as_the_screen(
             v.go(place)
             v.holds("() => !/ …$/m.test(document.querySelector('#view').innerText.trim())")
             assert v.page.evaluate(NAMELESS) == [], place
-            assert v.page.evaluate(WIDER) <= 0, place
+            assert audit(v.page, phone=size == PHONE) == [], place
             assert v.page.evaluate(UNCOVERED) == [], place
             assert "⟨" not in v.page.evaluate("document.body.innerText"), place
             assert v.page.locator("h1").count() == 1

@@ -54,7 +54,7 @@ def test_texts_have_a_contrast_of_at_least_four_and_a_half(theme):
     pairs = [(ink, back) for ink in ("ink", "soft", "link") for back in ("page", "band", "raised")]
     pairs += [(c, f"{c}-back") for c in ("green", "amber", "red", "none")]
     pairs += [("ink", f"{c}-back") for c in ("green", "amber", "red", "none")]
-    pairs += [(c, "page") for c in ("green", "amber", "red", "none")]
+    pairs += [(c, "page") for c in ("green", "amber", "red", "none", "moved")]
     pairs += [("on-main", "main"), ("ink", "mark"), ("link", "mark"), ("page", "ink")]
     low = {p: contrast(colours[p[0]], colours[p[1]]) for p in pairs}
     assert min(low.values()) >= 4.5, min(low.items(), key=lambda i: i[1])

@@ -7,6 +7,7 @@ export class ApiError extends Error {
     this.status = status;
     this.problems = problems;
     this.retryAfter = retryAfter;
+    this.named = problems.some((p) => p.where); // what is missing is named: the route is there
   }
 }
 

@@ -25,7 +25,7 @@ function tokens(root, signal) {
       columns: [
         { title: t("name"), value: (k) => k.name }, { title: t("role"), value: (k) => t(`role_${k.role}`) },
         { title: t("created"), value: (k) => k.created, text: (k) => stamp(k.created), node: (k) => moment(k.created), later: true },
-        { title: t("last_used"), value: (k) => k.last_used, text: (k) => stamp(k.last_used), node: (k) => moment(k.last_used) },
+        { title: t("last_used"), value: (k) => k.last_used, text: (k) => stamp(k.last_used), node: (k) => moment(k.last_used), later: true },
         { title: t("remove"), plain: true, value: () => "", node: (k) => { const cell = h("div"); cell.append(button(t("remove"), () => remove(k, cell), { "aria-label": `${t("remove")}: ${k.name}` })); return cell; } },
       ],
     });

@@ -5,6 +5,7 @@ import { ask, button, colour, figures, fill, h } from "./dom.js";
 import { fixed, isNumber, kindName, metres, moment, stamp, t, word } from "./language.js";
 import { here, watch } from "./live.js";
 import { act, link, may, part, pill, pointLink, pointLinks } from "./parts.js";
+import { axesNote } from "./plane.js";
 import { Table } from "./table.js";
 
 const COLOURS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b08400", "#56b4e9", "#8c8c8c"];
@@ -72,7 +73,7 @@ function componentsFigure(found) {
 // Components of a motion with σ, those that are determined.
 const motionText = (name, block, what, unit, decimals) => {
   const values = block[`${what}_${unit}`] ?? [], sigmas = block[`sigma_${what}_${unit}`] ?? [];
-  const told = ["x", "y", "z"].flatMap((a, i) => (isNumber(values[i]) ? [`${a} ${fixed(values[i], decimals)} ± ${fixed(sigmas[i], decimals)} ${unit}`] : []));
+  const told = ["x", "y", "z"].flatMap((a, i) => (isNumber(values[i]) ? [`${a}\u00a0${fixed(values[i], decimals)}\u00a0±\u00a0${fixed(sigmas[i], decimals)}\u00a0${unit}`] : []));
   return told.length ? `${name}: ${told.join(", ")}` : "";
 };
 
@@ -85,7 +86,7 @@ function epoch(root, number, signal) {
   watch(here(`epochs/${encodeURIComponent(number)}`), (r) => box.show(r, (row) => {
     const e = row, c = e.congruence, rows = e.displacements ?? [], blocks = e.blocks ?? [];
     const head = h("div", {},
-      h("p", {}, outcome(e)),
+      verdictOf(e) ? h("p", {}, outcome(e)) : null,
       figures([
         [t("begin"), moment(e.begin)], [t("end"), moment(e.end)], [t("state"), word("state", e.state)],
         ["σ̂0", fixed(e.sigma0, 3)], [t("redundancy"), e.redundancy ?? "–"], [t("revision_head"), e.revision ?? "–"],
@@ -105,9 +106,9 @@ function epoch(root, number, signal) {
       caption: t("displacements", { against: e.against ?? "–" }), open: (d) => (location.hash = link("points", d.name)),
       columns: [
         { title: t("name"), value: (d) => d.name, node: (d) => pointLink(d.name) },
-        { title: t("verdict"), value: (d) => t(d.moved ? "moved" : "stable"), node: (d) => pill(d.moved ? "moved" : "stable", t(d.moved ? "moved" : "stable")) },
         ...["x", "y", "z"].map((a) => ({ title: `Δ${a} [mm]`, number: true, value: (d) => 1000 * metres(d, `d${a}`), text: (d) => fixed(1000 * metres(d, `d${a}`), 2) })),
         ...["x", "y", "z"].map((a) => ({ title: `σ Δ${a} [mm]`, number: true, later: true, value: (d) => 1000 * metres(d, `sigma_d${a}`), text: (d) => fixed(1000 * metres(d, `sigma_d${a}`), 2) })),
+        { title: t("verdict"), value: (d) => t(d.moved ? "moved" : "stable"), node: (d) => pill(d.moved ? "moved" : "stable", t(d.moved ? "moved" : "stable")) },
         { title: "T", number: true, value: (d) => d.T ?? NaN, text: (d) => fixed(d.T, 2) },
         { title: t("critical"), number: true, later: true, value: (d) => d.critical ?? NaN, text: (d) => fixed(d.critical, 2) },
         { title: `${t("detectable")} [mm]`, number: true, later: true, value: (d) => 1000 * metres(d, "detectable"), text: (d) => fixed(1000 * metres(d, "detectable"), 2) },
@@ -115,6 +116,6 @@ function epoch(root, number, signal) {
       ],
     });
     table?.set(rows);
-    fill(box.body, head, blockList, table ? table.node : null);
+    fill(box.body, head, rows.length || blocks.length ? h("p", { class: "note" }, axesNote()) : null, blockList, table ? table.node : null);
   }), { events: ["epoch"], signal });
 }

@@ -73,7 +73,8 @@ export const seriesOfMetres = (record, name) => {
   }
   return [];
 };
-export const mm = (value, decimals = 1) => (isNumber(value) ? `${fixed(value * 1000, decimals)} mm` : "–");
+export const mm = (value, decimals = 1) => (isNumber(value) ? `${fixed(value * 1000, decimals)}\u00a0mm` : "–");
+export const signed = (value, decimals = 1) => (isNumber(value) && value > 0 ? "+" : "") + mm(value, decimals);
 export const mmOf = (record, name, decimals = 1) => mm(metres(record, name), decimals);
 
 // -- times ------------------------------------------------------------------------------------

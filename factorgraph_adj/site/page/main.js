@@ -5,7 +5,7 @@ import { clock, language, loadLanguages, recall, remember, stamp, t, useKinds, u
 import { connection, context, forget, here, on, peek, useNetwork, watch } from "./live.js";
 import { freshness, link, pill, reason } from "./parts.js";
 import { alarmSentence, alarmsOf, countsOf, light } from "./state.js";
-import { icon } from "./symbols.js";
+import { icon, symbol } from "./symbols.js";
 import { downloads } from "./downloads.js";
 import { epochs } from "./epochs.js";
 import { instruments } from "./instruments.js";
@@ -77,7 +77,7 @@ function build() {
   const { site } = context;
   const networks = site.networks ?? [];
   const choice = networks.length > 1 && h("select", { "aria-label": t("network"), on: { change: () => (location.hash = `#/${encodeURIComponent(choice.value)}/overview`) } }, networks.map((n) => h("option", { value: n.name }, n.title ?? n.name)));
-  const lamp = h("a", { class: "pill unknown", id: "lamp" });
+  const lamp = h("a", { class: "pill unknown", id: "lamp" }, symbol("unknown"), t("light_name_unknown"));
   const banner = h("div", { class: "banner", role: "status", hidden: true }), alarmbar = h("div", { class: "banner alarmbar", hidden: true });
   const list = (names, kind) => names.map((v) => h("li", { class: kind }, h("a", { href: "#", "data-view": v }, icon(v), v === "more" ? [h("span", { class: "narrow" }, t("view_more")), h("span", { class: "wide" }, t("settings"))] : h("span", {}, t(`view_${v}`)))));
   const both = WIDE.filter((v) => NARROW.includes(v));
@@ -165,12 +165,14 @@ async function routeNow() {
   const names = (context.site.networks ?? []).map((n) => n.name), { network, view: asked, rest } = placeOf();
   if (!names.length) { fill(frame.main, h("p", {}, t("no_networks"))); return; }
   const wanted = names.includes(network) ? network : names.includes(recall("network")) ? recall("network") : names[0];
+  if (network && !names.includes(network)) say(t("network_unknown", { name: network, shown: context.site.networks.find((n) => n.name === wanted).title ?? wanted }));
   if (!VIEWS[asked] || wanted !== network) { history.replaceState(null, "", `#/${encodeURIComponent(wanted)}/overview`); return routeNow(); }
   if (wanted !== context.network) {
     viewing?.abort();
     frameLife.controller?.abort();
-    remember("network", wanted);
+    fill(frame.main, h("p", { class: "note" }, t("reading")));
     await useNetwork(wanted);
+    remember("network", wanted);
     if (!frame) return;
     watchFrame();
   }

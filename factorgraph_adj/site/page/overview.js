@@ -28,7 +28,7 @@ export function overview(root, _, signal) {
     if (!s) return;
     const c = countsOf(s), [low, high] = s.sigma0_limits ?? [];
     fill(numbers.body, figures([
-      [t("sigma0"), [fixed(sigma0Of(s), 3), low !== undefined && h("span", { class: "note" }, ` ${fixed(low, 2)} … ${fixed(high, 2)}`)], { "data-figure": "sigma0" }],
+      [t("sigma0"), [fixed(sigma0Of(s), 3), low !== undefined && h("span", { class: "note" }, ` ${fixed(low, 2)}\u00a0…\u00a0${fixed(high, 2)}`)], { "data-figure": "sigma0" }],
       [t("observations"), c.observations ?? "–", { "data-figure": "observations" }],
       [t("redundancy"), c.redundancy ?? s.redundancy ?? "–"],
       [t("suspects"), h("a", { href: link("verdicts", "suspects") }, c.suspects ?? "–"), { "data-figure": "suspects" }],

@@ -26,12 +26,13 @@ export function part(title, { level = "h2", id } = {}) {
     node, body,
     show(resource, draw) {
       const { error, at, data } = resource;
-      notice.className = error?.status === 404 && data === undefined ? "note" : "problem";
+      const lacking = error?.status === 404 && !error.named;
+      notice.className = lacking && data === undefined ? "note" : "problem";
       node.classList.toggle("old", Boolean(error) && data !== undefined);
       if (error) {
         node.style.setProperty("--as-of", `"${t("as_of", { at: stamp(at) })}"`);
         notice.textContent = data === undefined
-          ? error.status === 404 ? t("not_offered") : t("unread", { reason: reason(error) })
+          ? lacking ? t("not_offered") : t("unread", { reason: reason(error) })
           : t("unread_since", { since: clock(resource.failedSince), reason: reason(error), at: stamp(at, true) });
         if (data === undefined) { body.replaceChildren(); return; }
       } else notice.textContent = "";

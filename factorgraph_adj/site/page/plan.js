@@ -1,7 +1,7 @@
 // The plan on a canvas: fast for ten thousand points. While it moves, the last picture is moved;
 // the whole is drawn again when it rests or when a frame is cheap.
 import { colour } from "./dom.js";
-import { t } from "./language.js";
+import { isNumber, t } from "./language.js";
 
 const COLOURS = ["page", "ink", "soft", "point", "held", "ellipse", "photo", "sight", "sight2", "doubt", "aside", "moved", "selected", "line", "amber"];
 const CHEAP = 12; // ms that a frame may take to be drawn while the plan moves
@@ -156,8 +156,11 @@ export class Plan {
     if (!(low[0] <= high[0]) || !this.w) return;
     this.fitted = true;
     this.cx = (low[0] + high[0]) / 2; this.cy = (low[1] + high[1]) / 2;
-    this.k = Math.min((this.w - 110) / Math.max(high[0] - low[0], 1e-3), (this.h - 110) / Math.max(high[1] - low[1], 1e-3));
+    // Names stand at the right of points, bars of scale below.
+    const side = Math.min(55, 0.12 * this.w), above = 50, below = 75;
+    this.k = Math.min((this.w - 2 * side) / Math.max(high[0] - low[0], 1e-3), (this.h - above - below) / Math.max(high[1] - low[1], 1e-3));
     this.k = Math.max(this.k, 1e-6);
+    this.cy += (above - below) / (2 * this.k);
     this.redraw();
   }
 
@@ -439,7 +442,9 @@ export class Plan {
         if (d.moved !== moved) continue;
         const i = this.points.index.get(d.name);
         if (i === undefined) continue;
-        const [u, v] = this.toScreen(this.points.x[i], this.points.y[i]), du = d.dx * f, dv = -d.dy * f, size = Math.hypot(du, dv);
+        const [u, v] = this.toScreen(this.points.x[i], this.points.y[i]);
+        if (!isNumber(d.dx) || !isNumber(d.dy)) { if (isNumber(d.up)) this.drawHeight(u, v, d); continue; }
+        const du = d.dx * f, dv = -d.dy * f, size = Math.hypot(du, dv);
         if (!(size > 1) || !this.inside(u, v, size)) continue;
         const head = Math.min(9, size * 0.5), [ex, ey] = [du / size, dv / size];
         g.beginPath(); g.moveTo(u, v); g.lineTo(u + du, v + dv); g.stroke();
@@ -451,6 +456,18 @@ export class Plan {
         if (moved) g.fill(); else g.stroke();
       }
     }
+  }
+
+  // Where heights alone are compared, a displacement is no arrow of the plan: a sign and its size.
+  drawHeight(u, v, d) {
+    if (!this.inside(u, v, 60) || (!d.moved && this.apart() < LEAST_APART)) return;
+    const g = this.g, text = `${d.up < 0 ? "↓" : "↑"} ${(Math.abs(d.up) * 1000).toFixed(1)} mm`;
+    g.font = `${d.moved ? "600 " : ""}12px system-ui, DejaVu Sans, sans-serif`;
+    g.textBaseline = "top";
+    g.save();
+    g.lineWidth = 3; g.strokeStyle = this.c.page; g.strokeText(text, u + 6, v + 4);
+    g.restore();
+    g.fillText(text, u + 6, v + 4);
   }
 
   // Names where there is room: chosen, held, then the others.
@@ -497,10 +514,11 @@ export class Plan {
       text(label, u, v - 7, "right");
     };
     const long = Math.min(130, this.w / 4);
+    if (!this.points.names.length) return;
     const ground = niceBelow(long / this.k);
     this.bars = { ground: lengthText(ground) };
     bar(ground * this.k, lengthText(ground), this.h - 14);
-    if (this.shown.ellipses || this.vectors.length) {
+    if (this.points.names.length && (this.shown.ellipses && this.points.a.some((a) => a > 0) || this.vectors.length)) {
       const small = niceBelow(long / (this.k * this.factor));
       this.bars.small = lengthText(small);
       g.fillStyle = this.c.ink;

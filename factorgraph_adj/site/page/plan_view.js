@@ -1,10 +1,10 @@
 // The plan and the view in three dimensions, with their tools.
 import { button, fill, h } from "./dom.js";
-import { fixed, isNumber, metres, mm, recall, remember, stamp, t } from "./language.js";
+import { fixed, isNumber, metres, mm, recall, remember, signed, stamp, t } from "./language.js";
 import { connection, here, on, peek, watch } from "./live.js";
 import { link, part, pointLink } from "./parts.js";
 import { Plan, SIGHTS, niceBelow } from "./plan.js";
-import { coordinate, lengthUnit, placed, turned } from "./plane.js";
+import { axisName, coordinate, lengthUnit, placed, turned } from "./plane.js";
 import { pointSearch } from "./search.js";
 import { svg } from "./symbols.js";
 
@@ -42,8 +42,8 @@ export function planView(root, [mode = "2d", chosen], signal) {
 function drawPlan(root, bar, first, signal) {
   const canvas = h("canvas", { tabindex: 0, role: "application", "aria-roledescription": t("plan_role"), "aria-label": t("plan_label"), "aria-describedby": "plan-keys" });
   const told = h("div", { class: "told" }), card = h("div", { class: "chosen", role: "status" });
-  const notice = part(null), noPlan = h("p", { class: "problem" }, t("plan_heights_only"), " ", h("a", { href: link("points") }, t("view_points")));
-  let points = [];
+  const notice = part(null), noPlan = h("p", { class: "note" }, t("plan_heights_only"), " ", h("a", { href: link("points") }, t("view_points")));
+  let points = [], read = false;
   const plan = new Plan(canvas, { chosen: describe, hovered: (name) => { if (told.dataset.name !== (name ?? "")) { told.dataset.name = name ?? ""; tell(); } }, drawn: () => tell() });
   const scale = (up) => { plan.factor = niceBelow(plan.factor * (up ? 2.5 : 0.5)); plan.redraw(); };
   const box = h("div", { class: "planbox" }, canvas, told, card, h("div", { class: "zoom" },
@@ -63,7 +63,9 @@ function drawPlan(root, bar, first, signal) {
       button("−", () => scale(false), { class: "icon", "aria-label": t("ellipse_smaller") }), button("+", () => scale(true), { class: "icon", "aria-label": t("ellipse_larger") }),
       button(t("ellipse_auto"), () => { plan.factor = plan.autoFactor(); plan.redraw(); })),
     h("label", {}, t("vectors_of"), epochs)));
-  root.append(notice.node, box, h("p", { class: "note", id: "plan-keys" }, t("plan_keys")), legend(), settings);
+  const keys = h("p", { class: "note", id: "plan-keys" }, t("plan_keys")), symbols = legend();
+  const drawn = [search, box, keys, symbols, settings];
+  root.append(notice.node, box, keys, symbols, settings);
   notice.body.replaceChildren();
   root.insertBefore(settings, box.nextSibling);
   if (innerWidth >= 960) root.insertBefore(settings, box);
@@ -71,7 +73,7 @@ function drawPlan(root, bar, first, signal) {
   // The point under the pointer, otherwise what is left out of the drawing.
   function tell() {
     const { name } = told.dataset, { thinned } = plan;
-    const text = name ? hover(name) : thinned && plan.shown.sights ? t("plan_thinned", thinned) : plan.points.names.length || !points.length ? "" : t("plan_none");
+    const text = name ? hover(name) : !read ? t("reading") : thinned && plan.shown.sights ? t("plan_thinned", thinned) : plan.points.names.length || !points.length ? "" : t("plan_none");
     if (told.textContent !== text) told.textContent = text;
   }
   function hover(name) {
@@ -82,15 +84,23 @@ function drawPlan(root, bar, first, signal) {
     const p = name && points.find((r) => r.name === name);
     if (!p) { fill(card); return; }
     const e = p.ellipse ?? {}, d = plan.vectors.find((v) => v.name === name);
-    fill(card, h("strong", {}, pointLink(name)), ` ${fixedText(p)}`,
-      h("div", { class: "figure" }, ["x", "y", "z"].filter((a) => isNumber(p[a])).map((a) => `${a} ${coordinate(p[a])}`).join("  "), ` ${lengthUnit()}`),
+    fill(card, button("✕", () => { plan.choose(-1); canvas.focus(); }, { class: "icon", "aria-label": t("close") }), h("strong", {}, pointLink(name)), ` ${fixedText(p)}`,
+      h("div", { class: "figure" }, ["x", "y", "z"].filter((a) => isNumber(p[a])).map((a) => `${axisName(a)} ${coordinate(p[a])}\u00a0${lengthUnit()}`.replaceAll(", ", " ")).join(", ")),
       isNumber(metres(e, "a")) && h("div", {}, t("ellipse_told", { a: mm(metres(e, "a")), b: mm(metres(e, "b")), azimuth: fixed(e.azimuth_deg, 0) })),
-      d && h("div", {}, t(d.moved ? "vector_moved" : "vector_kept", { size: mm(Math.hypot(d.dx, d.dy)) })),
-      h("div", { class: "row" }, h("a", { href: link("points", name) }, t("open_point")), button("✕", () => { plan.choose(-1); canvas.focus(); }, { class: "icon", "aria-label": t("close") })));
+      d && h("div", {}, t(d.moved ? "vector_moved" : "vector_kept", { size: sizes(d) })),
+      h("div", {}, h("a", { href: link("points", name) }, t("open_point"))));
+  }
+
+  // A displacement in the plane and in height; of what is not compared it says nothing.
+  function sizes({ dx, dy, up }) {
+    const plane = isNumber(dx) && isNumber(dy) ? [t("size_plane", { size: mm(Math.hypot(dx, dy)) })]
+      : [[dx, "east"], [dy, "north"]].filter(([v]) => isNumber(v)).map(([v, to]) => `${signed(v)} ${t(to)}`);
+    return [...plane, ...(isNumber(up) ? [t("size_up", { size: signed(up) })] : [])].join(", ");
   }
 
   const setPoints = (found) => {
     points = found;
+    read = true;
     const rows = planRows(found);
     plan.setPoints(rows);
     tell();
@@ -99,7 +109,12 @@ function drawPlan(root, bar, first, signal) {
     if (first && plan.show(first)) first = null;
   };
   const drawSights = () => { const s = peek(here("sights")); if (s) plan.setSights(s, criticalOf(peek(here("")))); };
-  watch(here(""), (r) => { if (r.data?.heights_only) notice.node.prepend(noPlan); else noPlan.remove(); if (points.length) setPoints(points); }, { events: ["epoch"], signal });
+  watch(here(""), (r) => {
+    const flat = Boolean(r.data?.heights_only);
+    for (const node of drawn) node.hidden = flat;
+    if (flat) notice.node.prepend(noPlan); else noPlan.remove();
+    if (points.length) setPoints(points);
+  }, { events: ["epoch"], signal });
   watch(here("points"), (r) => notice.show(r, setPoints), { events: ["arrival", "epoch"], least: 2000, signal });
   watch(here("sights"), drawSights, { events: ["arrival"], least: 1000, signal });
   const seen = new Map();
@@ -129,9 +144,9 @@ function drawPlan(root, bar, first, signal) {
     vectorWatch = new AbortController();
     signal.addEventListener("abort", () => vectorWatch.abort());
     watch(here(`epochs/${number}`), (r) => plan.setVectors((r.data?.displacements ?? []).map((d) => {
-      const [dx, dy] = turned(["dx", "dy", "dz"].map((a) => metres(d, a)));
-      return { name: d.name, dx, dy, moved: Boolean(d.moved) };
-    }).filter((d) => isNumber(d.dx))), { events: ["epoch"], signal: vectorWatch.signal });
+      const [dx, dy, up] = turned(["dx", "dy", "dz"].map((a) => metres(d, a)));
+      return { name: d.name, dx, dy, up, moved: Boolean(d.moved) };
+    })), { events: ["epoch"], signal: vectorWatch.signal });
   }
   let vectorWatch = null, begun = false;
   watch(here("epochs"), (r) => {
@@ -154,5 +169,6 @@ function legend() {
     h("li", {}, shape(svg("circle", { cx: 18, cy: 8, r: 3.5, fill: "var(--point)" })), t("legend_object")),
     h("li", {}, shape(svg("ellipse", { cx: 18, cy: 8, rx: 14, ry: 6, fill: "none", stroke: "var(--ellipse)", "stroke-width": 1.6 })), t("legend_ellipse")),
     h("li", {}, shape(svg("path", { d: "M3 12 25 5", stroke: "var(--moved)", "stroke-width": 3 }), svg("path", { d: "m33 3-9-2 3 8Z", fill: "var(--moved)" })), t("legend_moved")),
+    h("li", {}, shape(svg("path", { d: "M13 14V5m-4 3 4-5 4 5", fill: "none", stroke: "var(--moved)", "stroke-width": 2 }), svg("path", { d: "M22 2v9m-4-3 4 5 4-5", fill: "none", stroke: "var(--moved)", "stroke-width": 2 })), t("legend_heights")),
     h("li", {}, shape(svg("rect", { x: 12, y: 4, width: 12, height: 8, fill: "none", stroke: "var(--photo)", "stroke-width": 2 })), t("legend_photo")));
 }

@@ -6,7 +6,7 @@ import { context, here, on, peek, watch } from "./live.js";
 import { alarmItem } from "./overview.js";
 import { link, part, pill } from "./parts.js";
 import { fixedText } from "./plan_view.js";
-import { coordinate, lengthUnit, metresOfUnit } from "./plane.js";
+import { axesNote, axisName, coordinate, lengthUnit, metresOfUnit } from "./plane.js";
 import { observationItem } from "./observation.js";
 import { Table } from "./table.js";
 
@@ -30,7 +30,7 @@ export function points(root, [name], signal) {
       { title: t("state"), value: (p) => fixedText(p), text: (p) => [fixedText(p), alarmed.has(p.name) ? t("alarm") : ""].filter(Boolean).join(", "), node: (p) => [fixedText(p), alarmed.has(p.name) ? [" ", pill("open", t("alarm"))] : null] },
     ],
   });
-  watch(here("points"), (r) => box.show(r, (found) => { if (!table.node.isConnected) fill(box.body, table.node); table.set(found); }), { events: ["arrival", "epoch"], least: 2000, signal });
+  watch(here("points"), (r) => box.show(r, (found) => { if (!table.node.isConnected) fill(box.body, h("p", { class: "note" }, axesNote()), table.node); table.set(found); }), { events: ["arrival", "epoch"], least: 2000, signal });
   watch("alarms?state=standing", (r) => {
     alarmed.clear();
     for (const a of r.data ?? []) if (!a.network || a.network === context.network) for (const p of a.points ?? []) alarmed.set(p, a);
@@ -47,17 +47,19 @@ const levelOf = (bound, what) => (bound[`${what}_mm`] === null ? "∞" : mmOf(bo
 
 function point(root, name, signal) {
   const now = part(null), series = part(t("series")), alarms = part(t("alarms")), next = part(t("next_sights")), seen = part(t("observations_of", { name }));
+  const about = h("div", { class: "two" }, h("div", {}, next.node, alarms.node), seen.node);
   root.append(h("p", { class: "row" }, h("a", { href: link("points") }, `‹ ${t("view_points")}`), h("a", { href: link("plan", "2d", name) }, t("show_in_plan"))), now.node,
-    series.node, h("div", { class: "two" }, h("div", {}, next.node, alarms.node), seen.node));
+    series.node, about);
   const find = () => (peek(here("points")) ?? []).find((p) => p.name === name);
 
   let bound = null;
   const drawNow = () => {
     const p = find();
+    for (const node of [series.node, about]) node.hidden = !p;
     if (!p) { fill(now.body, h("p", { class: "problem" }, t("point_unknown", { name }))); return; }
     const e = p.ellipse ?? {};
     fill(now.body, h("p", {}, pill(stateOf(p) === "undetermined" ? "waiting" : "plain", fixedText(p))), figures([
-      ...AXES.filter((a) => isNumber(p[a])).map((a) => [`${a} [${lengthUnit()}]`, [coordinate(p[a]), isNumber(metres(p, `sigma_${a}`)) ? h("span", { class: "note" }, ` σ ${mmOf(p, `sigma_${a}`, 2)}`) : null], { "data-figure": a }]),
+      ...AXES.filter((a) => isNumber(p[a])).map((a) => [`${axisName(a)} [${lengthUnit()}]`, [coordinate(p[a]), isNumber(metres(p, `sigma_${a}`)) ? h("span", { class: "note" }, ` σ\u00a0${mmOf(p, `sigma_${a}`, 2)}`) : null], { "data-figure": a }]),
       isNumber(metres(e, "a")) ? [t("ellipse_level", { level: e.level ? `${+(100 * e.level).toPrecision(4)} %` : "" }), `${mmOf(e, "a", 2)} / ${mmOf(e, "b", 2)} / ${fixed(e.azimuth_deg, 0)}°`] : null,
       bound ? [t("protection", { risk: bound.risk }), t("protection_told", { horizontal: levelOf(bound, "horizontal"), vertical: levelOf(bound, "vertical") }), { "data-figure": "protection" }] : null,
     ], { class: "figures small" }), bound?.weakest?.length ? h("p", { class: "note" }, t("protection_weakest", { names: bound.weakest.join(", ") })) : null);
@@ -76,10 +78,10 @@ function point(root, name, signal) {
     const list = found.points ?? found;
     data = (Array.isArray(list) ? list : Object.values(list)).find((s) => s.name === name);
     if (!data?.times?.length) { fill(series.body, h("p", { class: "note" }, t("series_none"))); return; }
-    if (!plot.isConnected) fill(series.body, motion, plot, h("p", { class: "note" }, t("series_help")), values);
+    if (!plot.isConnected) fill(series.body, motion, plot, h("p", { class: "note" }, t("series_help"), " ", axesNote()), values);
     drawMotion(motion, data);
     drawValues(values, data);
-    const shown = AXES.filter((a) => (data[a] ?? []).some(isNumber));
+    const shown = axesOf(data);
     plot.style.height = `${5 + 9.5 * shown.length}rem`;
     if (draw) draw(); else if (!plot.begun) { plot.begun = true; chart(plot, () => seriesFigure(data), signal).then((d) => (draw = d)); }
   }), { events: ["epoch", "alarm"], least: 1000, signal });
@@ -120,7 +122,7 @@ function drawMotion(box, s) {
   const last = m.times.length - 1;
   const rows = AXES.filter((a) => (m[`velocity_${a}_mm_per_day`] ?? []).some(isNumber)).map((a) => {
     const v = m[`velocity_${a}_mm_per_day`][last], sigma = m[`sigma_velocity_${a}_mm_per_day`]?.[last];
-    return [t("velocity", { axis: a }), [`${fixed(v, 3)} ± ${fixed(sigma, 3)} mm/d`, h("span", { class: "note" }, ` ${t(Math.abs(v) > 3 * sigma ? "velocity_significant" : "velocity_none")}`)]];
+    return [t("velocity", { axis: axisName(a) }), [`${fixed(v, 3)} ± ${fixed(sigma, 3)}\u00a0mm/d`, h("span", { class: "note" }, ` ${t(Math.abs(v) > 3 * sigma ? "velocity_significant" : "velocity_none")}`)]];
   });
   fill(box, rows.length ? figures(rows, { class: "figures small" }) : null);
 }
@@ -156,8 +158,14 @@ function displacementsOf(s, a) {
   };
 }
 
+// Axes in which epochs are compared; where none are, those that have coordinates.
+function axesOf(s) {
+  const compared = AXES.filter((a) => (s[`d${a}_mm`] ?? []).some(isNumber));
+  return compared.length ? compared : AXES.filter((a) => (s[a] ?? []).some(isNumber));
+}
+
 function seriesFigure(s) {
-  const shown = AXES.filter((a) => (s[a] ?? []).some(isNumber)), times = s.times.map(local), data = [], layout = { shapes: [], annotations: [], margin: { l: 55, r: 12, t: 8, b: 40 } };
+  const shown = axesOf(s), times = s.times.map(local), data = [], layout = { shapes: [], annotations: [], margin: { l: 55, r: 12, t: 8, b: 40 } };
   const gap = 0.05, high = (1 - gap * (shown.length - 1)) / shown.length;
   const ofAlarm = seriesOfMetres(s, "alarm_detectable"), detectable = ofAlarm.some(isNumber) ? ofAlarm : seriesOfMetres(s, "detectable");
   shown.forEach((a, row) => {
@@ -173,7 +181,7 @@ function seriesFigure(s) {
       data.push({ ...common, x: s.motion.times.map(local), y: motion, mode: "lines", line: { color: colour("sight2"), width: 2, dash: "dot" }, hoverinfo: "skip", name: t("motion_model"), legendgroup: "m", showlegend: legend });
     data.push({ ...common, y: off, mode: "lines+markers", line: { color: colour("held"), width: 1.5 }, marker: { size: 5 }, name: t("displacement"), legendgroup: "v", showlegend: legend, text: s.times.map((time, i) => `${t("epoch")} ${s.epochs?.[i] ?? ""}: ${fixed(off[i], 2)} mm`), hoverinfo: "text+x" });
     const top = 1 - row * (high + gap);
-    layout[`yaxis${row ? row + 1 : ""}`] = axis({ domain: [Math.max(top - high, 0), top], title: { text: `Δ${a} [mm]` } });
+    layout[`yaxis${row ? row + 1 : ""}`] = axis({ domain: [Math.max(top - high, 0), top], title: { text: `Δ${axisName(a)} [mm]` } });
   });
   // The first of consecutive epochs that exceed a limit has the name of the rule.
   const before = new Map();

@@ -3,7 +3,7 @@ import { axis, chart, plain } from "./charts.js";
 import { button, colour, h } from "./dom.js";
 import { t } from "./language.js";
 import { here, watch } from "./live.js";
-import { part } from "./parts.js";
+import { link, part } from "./parts.js";
 import { criticalOf } from "./plan_view.js";
 import { placed } from "./plane.js";
 import { SIGHTS, sightClass } from "./plan.js";
@@ -58,10 +58,12 @@ export async function scene(root, signal) {
       marks(found.points.filter((p) => p.fixed), t("legend_fixed"), "held", "diamond", 4),
     ].filter(Boolean);
     const title = (text) => axis({ title: { text }, backgroundcolor: "rgba(0,0,0,0)", tickformat: ".10~f" });
+    // On a phone the eye is farther away, and the legend stands below.
+    const narrow = div.clientWidth < div.clientHeight, away = Math.max((1.3 * div.clientHeight) / div.clientWidth, 1);
     return { data, layout: {
       margin: { l: 0, r: 0, t: 0, b: 0 }, uirevision: "scene", legend: { orientation: "h", y: 0, bgcolor: colour("page") },
       scene: {
-        camera: { eye: div.clientWidth < div.clientHeight ? { x: 1.35, y: -1.95, z: 1.1 } : { x: 1.1, y: -1.5, z: 0.9 } }, aspectmode: "manual",
+        camera: { eye: { x: 1.1 * away, y: -1.5 * away, z: 0.9 * away } }, aspectmode: "manual", domain: { y: [narrow ? 0.24 : 0.06, 1] },
         aspectratio: { x: Math.max(1.6 * span[0] / most, 0.08), y: Math.max(1.6 * span[1] / most, 0.08), z: Math.max(1.6 * span[2] * times.factor / most, 0.08) },
         xaxis: title(`${t("east")} [m]`), yaxis: title(`${t("north")} [m]`), zaxis: title(`${t("up")} [m]`),
       },
@@ -72,7 +74,11 @@ export async function scene(root, signal) {
     if (draw === null && !signal.begun) { signal.begun = true; draw = await chart(div, make, signal, { scrollZoom: true }); }
     draw?.();
   };
-  watch(here(""), (r) => { if (r.data) found.critical = criticalOf(r.data); }, { signal });
+  const noPlan = h("p", { class: "note" }, t("plan_heights_only"), " ", h("a", { href: link("points") }, t("view_points")));
+  watch(here(""), (r) => {
+    if (r.data) found.critical = criticalOf(r.data);
+    if (r.data?.heights_only) root.replaceChildren(root.firstChild, noPlan);
+  }, { signal });
   watch(here("points"), (r) => box.show(r, (d) => { found.points = d; start(); }), { events: ["arrival", "epoch"], least: 3000, signal });
   watch(here("sights"), (r) => { found.sights = r.data ?? []; draw?.(); }, { events: ["arrival"], least: 3000, signal });
   watch(here("photos"), (r) => { found.photos = r.data ?? []; div.dataset.photos = found.photos.length; draw?.(); }, { events: ["arrival"], least: 2000, signal });

@@ -47,6 +47,9 @@ export function light() {
     if (i.state !== "ok" && i.state !== "stopped") reasons.push(t("light_instrument", { name: i.name, state: word("state", i.state), last: stamp(i.last_message) }));
   if (reasons.length) return { state: "doubts", reasons };
   const own = instrumentsOf(instruments);
+  // What nothing checks is not well.
+  if (!counts.observations) return { state: "unknown", reasons: [t("light_empty")] };
+  if (counts.redundancy <= 0) return { state: "unknown", reasons: [t("light_unchecked", { n: counts.observations })] };
   return { state: "ok", reasons: [[
     t(low === undefined ? "light_ok" : "light_ok_tested", { n: counts.observations ?? "–", sigma0: fixed(sigma0, 2), low: fixed(low, 2), high: fixed(high, 2) }),
     alarms ? t("light_no_alarm") : t("light_alarms_none"), own.length ? t("light_instruments_well", { n: own.length }) : "",

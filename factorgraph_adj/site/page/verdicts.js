@@ -139,6 +139,13 @@ const list = (path, verdict) => (panel, signal) => {
 
 // -- causes and doubts ------------------------------------------------------------------------
 
+// Units of the sizes of errors, which the service gives in SI.
+const QUANTITIES = { length: [1e-3, "mm"], angle: [Math.PI / 200000, "mgon"], turn: [Math.PI / 200000, "mgon"], ppm: [1, "ppm"], ratio: [0.01, "%"], image: [1, ""], number: [1, ""], curvature: [1, ""] };
+function sizeOf(cause, i) {
+  const [one, unit] = QUANTITIES[cause.quantities?.[i]] ?? [1, "?"];
+  return [cause.components?.[i], significant(cause.error[i] / one), "±", significant(cause.sigma[i] / one), unit].filter(Boolean).join("\u00a0");
+}
+
 function causes(panel, signal) {
   const box = part(null);
   panel.append(h("p", { class: "note" }, t("causes_what")), box.node);
@@ -150,7 +157,7 @@ function causes(panel, signal) {
       each.length
         ? h("ol", { class: "verdicts" }, each.map((c) => h("li", { class: "suspect" },
           h("div", { class: "head" }, h("strong", { lang: "en" }, `${c.cause} ${c.where ?? ""}`)),
-          h("div", { class: "why" }, t("cause_tested", { error: (c.error ?? []).map((e) => significant(e)).join(", "), sigma: (c.sigma ?? []).map((e) => significant(e)).join(", "), t2: fixed(c.t2, 1), critical: fixed(c.critical, 1), n: c.ids?.length ?? 0 })))))
+          h("div", { class: "why" }, [(c.error ?? []).length ? `${t("cause_size", { size: c.error.map((_, i) => sizeOf(c, i)).join(", ") })} ` : "", t("cause_tested", { t2: fixed(c.t2, 1), critical: fixed(c.critical, 1), n: c.ids?.length ?? 0 })]))))
         : h("p", { class: "note" }, t("no_causes")));
   }), { events: ["arrival"], least: 5000, signal });
 }

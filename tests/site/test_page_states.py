@@ -1,0 +1,111 @@
+"""Rarer states of the page of a site: how they look on a phone, and that they say what is so."""
+
+import re
+
+import pytest
+
+pytest.importorskip("starlette", reason="the service of a site needs the extra serve")
+pytest.importorskip("uvicorn", reason="the service of a site needs the extra serve")
+
+from tests.site.browsers import DESK, PHONE, visit
+from tests.site.canned_server import CannedServer
+from tests.site.page_audits import audit
+from tests.site.page_catalogue import STATES
+from tests.support.pages import chromium
+
+NAMED = {s.name: s for s in STATES}
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium() as found:
+        yield found
+
+
+@pytest.fixture
+def server():
+    made = CannedServer()
+    yield made
+    made.stop()
+
+
+def _opened(browser, server, name, **look):
+    NAMED[name].prepare(server.site)
+    return NAMED[name].opened(browser, server, **look)
+
+
+# -- how it looks ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "name", ["verdicts-held", "dialog-replace-wrong", "epoch-moved", "points-geocentric"]
+)
+def test_a_state_is_readable_and_wide_enough_for_a_finger(browser, server, name):
+    with _opened(browser, server, name, size=PHONE, language="de-DE", scheme="dark") as v:
+        assert audit(v.page, phone=True) == []
+
+
+# -- what it says ---------------------------------------------------------------------------------
+
+
+def test_an_epoch_without_observations_is_not_called_well(browser, server):
+    with _opened(browser, server, "begun-overview", size=DESK) as v:
+        v.sees(".light.unknown", "The present epoch has no observation yet.")
+        v.sees("#lamp", "Unknown")
+
+
+def test_a_network_that_the_site_does_not_have_is_told(browser, server):
+    with _opened(browser, server, "unknown-network", size=DESK) as v:
+        v.sees("#say", "This site has no network nowhere; Dam crest is shown.")
+
+
+def test_a_page_that_waits_for_its_first_answer_says_so(browser, server):
+    with _opened(browser, server, "loading-overview", size=PHONE) as v:
+        v.sees("main", "Reading …")
+        v.sees("#lamp", "Unknown")
+    with _opened(browser, server, "loading-plan", size=PHONE) as v:
+        v.sees(".planbox .told", "Reading …")
+
+
+def test_of_a_point_that_is_unknown_nothing_else_is_said(browser, server):
+    with _opened(browser, server, "point-unknown", size=DESK) as v:
+        v.sees("#view .problem", "The network has no point nobody.")
+        assert v.page.locator("#view h2:visible").count() == 0
+
+
+def test_causes_have_sizes_in_the_units_of_the_page(browser, server):
+    with _opened(browser, server, "verdicts-causes", size=DESK) as v:
+        v.sees("#view li", "Size 100 ± 2.00 mm, T² 2500.0")
+
+
+def test_displacements_in_height_alone_are_told_as_such(browser, server):
+    with _opened(browser, server, "plan-heights-compared", size=DESK) as v:
+        v.sees(".planbox .chosen", re.compile(r"Moved, significant: \+\d+\.\d\s?mm in height"))
+        (vector,) = v.page.evaluate("planForTests.vectors.filter(d => d.name === 'D3')")
+        assert vector["dx"] is None and vector["up"] > 0.005
+        v.go("points/D3", network="heights")
+        v.page.wait_for_selector(".plot[data-made]")
+        titles = "Object.keys(document.querySelector('.plot').layout).filter(k => /^yaxis/.test(k))"
+        assert v.page.evaluate(titles) == ["yaxis"]
+
+
+def test_a_network_of_heights_has_no_plan(browser, server):
+    for name in ("plan-levelling", "3d-levelling"):
+        with _opened(browser, server, name, size=DESK) as v:
+            v.sees("#view .note", "heights only")
+            assert v.page.locator("canvas:visible").count() == 0
+
+
+@pytest.mark.parametrize(
+    ("network", "note", "figure"),
+    [
+        ("north", "x north, y east, z up", "x, north [mm]"),
+        ("world", "in the axes of the frame; the plan is drawn in east, north and up", "x [m]"),
+    ],
+)
+def test_axes_of_coordinates_are_named(browser, server, network, note, figure):
+    with visit(browser, server, at=f"#/{network}/points") as v:
+        v.sees("#view .note", note)
+        v.go("points/D3", network=network)
+        assert v.sees("[data-figure=x] dt").text_content() == figure
+        v.sees("#view", note)
