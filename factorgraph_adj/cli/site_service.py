@@ -82,6 +82,7 @@ def _serve(options: argparse.Namespace) -> int:
     config = uvicorn.Config(
         application(site),
         log_level="warning",
+        access_log=False,
         ssl_certfile=options.tls_certificate,
         ssl_keyfile=options.tls_key,
         timeout_graceful_shutdown=5,

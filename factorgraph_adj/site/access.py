@@ -89,22 +89,31 @@ class Access:
         Raises:
             NotAllowed: there is no token, or it is unknown, has expired or was revoked.
         """
+        caller = self.remembered(token)
+        if caller is not None:
+            return caller
+        assert token is not None
+        digest, now = digest_of(token), clock.time()
+        found = self._read(digest, now)
+        with self._lock:
+            if len(self._known) > 10_000:
+                self._known.clear()
+            self._known[digest] = now + TOKENS_LAST, found
+        return _known_caller(found)
+
+    def remembered(self, token: str | None) -> Caller | None:
+        """Return who has a token, without the database; None where that has to be asked.
+
+        Raises:
+            NotAllowed: as `caller`.
+        """
         if self.open:
             return ANYBODY
         if not token:
             raise NotAllowed("a token is needed: Authorization: Bearer TOKEN", 401)
-        digest, now = digest_of(token), clock.time()
         with self._lock:
-            until, found = self._known.get(digest, (0.0, None))
-        if now >= until:
-            found = self._read(digest, now)
-            with self._lock:
-                if len(self._known) > 10_000:
-                    self._known.clear()
-                self._known[digest] = now + TOKENS_LAST, found
-        if found is None:
-            raise NotAllowed("the token is unknown, has expired or was revoked", 401)
-        return found
+            until, found = self._known.get(digest_of(token), (0.0, None))
+        return None if clock.time() >= until else _known_caller(found)
 
     def require(self, caller: Caller, right: Right) -> None:
         """Refuse what a caller may not do.
@@ -121,9 +130,15 @@ class Access:
     def slow_down(self, caller: Caller, cost: float = 1.0) -> None:
         """Count requests of a caller.
 
+        Without tokens nothing is counted: all programs of the machine would share one limit, and
+        one that would do harm may do everything anyway. What is too much then waits, each sender
+        for its answer, and beyond a number of postings that wait the network refuses further ones.
+
         Raises:
             TooFast: the caller makes too many requests.
         """
+        if self.open:
+            return
         now = clock.monotonic()
         with self._lock:
             left, then = self._tokens.get(caller.name, (10.0 * self._rate, now))
@@ -212,6 +227,12 @@ class Access:
         with self._lock:
             self._known.clear()
         return str(listed[token])
+
+
+def _known_caller(found: Caller | None) -> Caller:
+    if found is None:
+        raise NotAllowed("the token is unknown, has expired or was revoked", 401)
+    return found
 
 
 def digest_of(token: str) -> str:

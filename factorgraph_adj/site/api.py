@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
-from fastapi import FastAPI, Request, Response
+from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse, JSONResponse
 from fastapi.staticfiles import StaticFiles
+from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from ..errors import AdjustmentError, InputError, Problem
 from ..version import __version__
@@ -29,6 +31,8 @@ PAGE_FOLDER = Path(__file__).parent / "page"
 """Files of the page."""
 MAX_BODY = 1 << 24
 """Largest body of a request: 16 MB, bytes."""
+TOO_LARGE = f"the body is larger than {MAX_BODY >> 20} MB: send fewer postings at once"
+"""Message about a larger one."""
 SECONDS_TO_RETRY = 2
 """When to try again, seconds."""
 HEADERS = {
@@ -59,6 +63,46 @@ def problem_answer(status: int, problems: list[Problem]) -> JSONResponse:
         headers["WWW-Authenticate"] = "Bearer"
     listed = [{"where": p.where, "what": p.what} for p in problems]
     return JSONResponse({"error": listed}, status, headers)
+
+
+class Guard:
+    """Refuses bodies that are too large, and gives every answer `HEADERS`.
+
+    It is plain ASGI: a middleware of functions would run every request in a task group of its own.
+    """
+
+    def __init__(self, app: ASGIApp) -> None:
+        """Take the application."""
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Let the application answer a request."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+
+        read = 0
+
+        async def received() -> Message:
+            nonlocal read
+            message = await receive()
+            read += len(message.get("body", b""))
+            if read > MAX_BODY:  # a body in chunks states no length
+                raise HTTPException(413, TOO_LARGE)
+            return message
+
+        async def sent(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                for name, value in HEADERS.items():
+                    headers.setdefault(name, value)
+            await send(message)
+
+        length = Headers(scope=scope).get("content-length", "0")
+        if length.isdigit() and int(length) <= MAX_BODY:
+            await self._app(scope, received, sent)
+            return
+        await problem_answer(413, [Problem(TOO_LARGE)])(scope, receive, sent)
 
 
 def application(site: Site, *, lifespan: bool = True) -> FastAPI:
@@ -106,19 +150,7 @@ def application(site: Site, *, lifespan: bool = True) -> FastAPI:
     async def plain(_: Request, error: HTTPException) -> JSONResponse:
         return problem_answer(error.status_code, [Problem(str(error.detail))])
 
-    @app.middleware("http")
-    async def guarded(
-        request: Request, answer: Callable[[Request], Awaitable[Response]]
-    ) -> Response:
-        length = request.headers.get("content-length", "0")
-        if not length.isdigit() or int(length) > MAX_BODY:
-            what = f"the body is larger than {MAX_BODY >> 20} MB: send fewer postings at once"
-            return problem_answer(413, [Problem(what)])
-        response = await answer(request)
-        for name, value in HEADERS.items():
-            response.headers.setdefault(name, value)
-        return response
-
+    app.add_middleware(Guard)
     app.include_router(site_router, prefix=API)
     app.include_router(network_router, prefix=API)
     app.include_router(epoch_router, prefix=API)

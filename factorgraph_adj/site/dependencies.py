@@ -1,8 +1,13 @@
-"""What every route needs: the site, the caller with a right, a network."""
+"""What every route needs: the site, the caller with a right, a network.
+
+These functions are coroutines, as each plain one would run in a thread of its own. Only a token
+that is not remembered is looked up in a thread: the database may be slow.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import asyncio
+from collections.abc import Awaitable, Callable
 from typing import Annotated
 
 from fastapi import Depends, Request
@@ -15,7 +20,7 @@ COOKIE = "fga_session"
 """Cookie with the token of a browser."""
 
 
-def site_of(request: Request) -> Site:
+async def site_of(request: Request) -> Site:
     """Return the site."""
     site: Site = request.app.state.site
     return site
@@ -29,12 +34,14 @@ def token_of(request: Request) -> str | None:
     return request.cookies.get(COOKIE)
 
 
-def caller_with(right: Right) -> Callable[[Request], Caller]:
+def caller_with(right: Right) -> Callable[[Request], Awaitable[Caller]]:
     """Return a function that gives the caller of a request, who must have a right."""
 
-    def found(request: Request) -> Caller:
-        access = site_of(request).access
-        caller = access.caller(token_of(request))
+    async def found(request: Request) -> Caller:
+        access, token = (await site_of(request)).access, token_of(request)
+        caller = access.remembered(token)
+        if caller is None:
+            caller = await asyncio.to_thread(access.caller, token)
         access.require(caller, right)
         access.slow_down(caller)
         return caller
@@ -42,9 +49,9 @@ def caller_with(right: Right) -> Callable[[Request], Caller]:
     return found
 
 
-def network_of(name: str, request: Request) -> LiveNetwork:
+async def network_of(name: str, request: Request) -> LiveNetwork:
     """Return the network of an address."""
-    return site_of(request).network(name)
+    return (await site_of(request)).network(name)
 
 
 TheSite = Annotated[Site, Depends(site_of)]

@@ -5,13 +5,14 @@ from __future__ import annotations
 import asyncio
 import tempfile
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from io import BytesIO
 from pathlib import Path
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Body, Query, Response
+from fastapi.responses import JSONResponse
 
 from ..errors import InputError, Problem
 from ..io.project_writer import network_files
@@ -57,7 +58,7 @@ async def post(
     site: TheSite,
     caller: Poster,
     body: Annotated[Posting | list[Posting], Body()],
-) -> Any:
+) -> JSONResponse:
     """Execute a posting, or several in their order; each gets its answer when it is on the disk.
 
     A posting is an object of the stream protocol, with ``time`` and ``request``.
@@ -77,21 +78,31 @@ async def post(
             future.cancel()
         raise
     answers = await answered(futures)
-    return answers if isinstance(body, list) else answers[0]
+    # Answers are plain JSON already: nothing has to be looked through again.
+    return JSONResponse(answers if isinstance(body, list) else answers[0])
 
 
-async def answered(futures: list[Future[Answer]]) -> list[Answer]:
-    """Return answers when all are on the disk.
+async def answered(futures: Sequence[Future[Answer]]) -> list[Answer]:
+    """Return the answers to postings of one network when all are on the disk.
+
+    They are answered in their order: where the last one has its answer, all have.
 
     Raises:
         Overloaded: they do not come in time.
     """
     try:
         async with asyncio.timeout(ANSWER_SECONDS):
-            return await asyncio.gather(*(asyncio.wrap_future(f) for f in futures))
-    except TimeoutError:
+            for future in reversed(futures):
+                if not future.done():
+                    await asyncio.wrap_future(future)
+    except BaseException as error:
+        for future in futures:
+            future.cancel()
+        if not isinstance(error, TimeoutError):
+            raise
         what = f"the network has not answered within {ANSWER_SECONDS:g} s: ask again"
         raise Overloaded(what) from None
+    return [future.result() for future in futures]
 
 
 @network_router.get("/points")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import time as clock
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -77,10 +77,19 @@ class Posting:
         """Whether it is one observation, or a group."""
         return "do" not in self.record
 
-    def joins(self, lot: Sequence[Posting]) -> bool:
-        """Return whether it can arrive together with others: all are readings, no request twice."""
-        twice = self.request and any(p.request == self.request for p in lot)
-        return self.is_reading and lot[0].is_reading and not twice
+    @property
+    def key(self) -> str | int:
+        """Its request; a number of its own where it has none."""
+        return self.request or id(self)
+
+    def joins(self, lot: Mapping[str | int, Posting]) -> bool:
+        """Return whether it can arrive together with others: all are readings, no request twice.
+
+        Args:
+            lot: the others by their keys.
+        """
+        readings = self.is_reading and next(iter(lot.values())).is_reading
+        return readings and self.key not in lot
 
 
 def posting_time(record: dict[str, Any], latest: float, received: float) -> float:

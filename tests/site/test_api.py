@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from factorgraph_adj.site.access import Access, TooFast
+from factorgraph_adj.site.database import Database
 from tests.networks.yard import ARRIVALS, WRONG
-from tests.support.sites import ADDRESS, served
+from tests.support.sites import ADDRESS, database_of, served
 
 pytestmark = pytest.mark.usefixtures("store")
 ROLES = ("instrument", "viewer", "surveyor", "admin")
@@ -146,6 +148,27 @@ def test_a_browser_logs_in_with_a_cookie_and_a_revoked_token_ends_it(tmp_path):
 def test_a_body_that_is_too_large_is_refused(client):
     answer = client.post(f"{ADDRESS}/postings", content=b"[" + b" " * (17 << 20) + b"]")
     assert answer.status_code == 413
+
+
+def test_a_body_in_chunks_that_is_too_large_is_refused(client):
+    chunks = (b" " * (1 << 20) for _ in range(17))
+    headers = {"Content-Type": "application/json"}
+    answer = client.post(f"{ADDRESS}/postings", content=chunks, headers=headers)
+    assert "content-length" not in answer.request.headers
+    assert answer.status_code == 413 and "16 MB" in answer.json()["error"][0]["what"]
+
+
+def test_requests_are_limited_for_each_token_and_not_without_tokens(tmp_path):
+    database = Database(database_of(tmp_path), serve=False)
+    access = Access(database, per_second=0.1)  # one at once, the next one after ten seconds
+    for _ in range(100):
+        access.slow_down(access.caller(None))
+    callers = [access.caller(access.add(name, "instrument")) for name in ("a", "b")]
+    for caller in callers:
+        access.slow_down(caller)
+        with pytest.raises(TooFast, match=f"{caller.name} makes more than 0.1 requests a second"):
+            access.slow_down(caller)
+    database.close()
 
 
 def test_answers_carry_a_policy_for_the_browser(client):
