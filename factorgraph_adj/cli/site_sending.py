@@ -8,16 +8,25 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack
+from io import FileIO
 from pathlib import Path
-from typing import IO, Any
+from threading import Event, Thread
+from typing import TYPE_CHECKING, Any
 
-from ..errors import InputError, Problem, system_reason
+from ..errors import AdjustmentError, InputError, Problem, system_reason
 from .messages import EXIT_DOUBTFUL, EXIT_FINE, FURTHER_EXIT_CODES
+
+if TYPE_CHECKING:
+    from ..site.outbox import Outbox
 
 TOKEN_VARIABLE = "FACTORGRAPH_ADJ_TOKEN"
 """Variable of the environment with the token, which a list of processes does not show."""
-LINES_AT_ONCE = 100
-"""Lines of a file that are sent in one request."""
+CHUNK = 1 << 16
+"""Largest number of bytes that are read at once."""
+MAX_IN_MEMORY = 1000
+"""Number of postings without a file of an outbox beyond which reading waits for answers."""
+WAIT_SECONDS = 0.02
+"""How long it waits before it looks again, seconds."""
 
 
 def add_send(parser: argparse.ArgumentParser) -> None:
@@ -56,9 +65,16 @@ def add_send(parser: argparse.ArgumentParser) -> None:
 
 def _send(options: argparse.Namespace) -> int:
     from ..site.client import Client, ServiceAway
-    from ..site.outbox import Outbox
+    from ..site.outbox import IN_MEMORY, Kept, Outbox
 
-    refused, lines = 0, Counted()
+    refused = 0
+
+    def told(kept: Kept, answer: dict[str, Any]) -> None:
+        nonlocal refused
+        refused += not answer["ok"]
+        if not answer["ok"] or not options.quiet:
+            print(json.dumps(answer, ensure_ascii=False), flush=True)
+
     with ExitStack() as stack:
         client = stack.enter_context(
             Client(
@@ -69,71 +85,100 @@ def _send(options: argparse.Namespace) -> int:
             )
         )
         source = stack.enter_context(_source(options.file))
-        outbox = None if options.outbox is None else Outbox(options.outbox)
-        if outbox is not None:
-            stack.callback(outbox.close)
-
-        def told(record: dict[str, Any], answer: dict[str, Any]) -> None:
-            nonlocal refused
-            refused += not answer["ok"]
-            if not answer["ok"] or not options.quiet:
-                print(json.dumps(answer, ensure_ascii=False), flush=True)
-
-        for batch in _batches(source, options.file, lines):
-            if outbox is None:
-                answers = client.post_all(options.network, batch)
-                for record, answer in zip(batch, answers, strict=True):
-                    told(record, answer)
-                continue
-            outbox.put(options.network, *batch)
-            try:
-                client.send(outbox, answered=lambda k, a: told(k.record, a), patience=0.0)
-            except ServiceAway:
-                continue  # it is on the disk; the end of the input tries longer
-        if outbox is not None:
-            try:
-                client.send(outbox, answered=lambda k, a: told(k.record, a))
-            except ServiceAway as away:
-                print(f"{away}; {len(outbox)} postings wait in {outbox.path}", file=sys.stderr)
-                return EXIT_DOUBTFUL
+        outbox = Outbox(IN_MEMORY if options.outbox is None else options.outbox)
+        stack.callback(outbox.close)
+        lines = SentLines(source, options.file, outbox, options.network)
+        stack.callback(lines.stop)
+        lines.start()
+        try:
+            client.forward(outbox, lines.ended, answered=told)
+        except ServiceAway as away:
+            if not outbox.on_disk:
+                raise
+            print(f"{away}; {len(outbox)} postings wait in {outbox.path}", file=sys.stderr)
+            return EXIT_DOUBTFUL
+        if lines.problem is not None:
+            raise lines.problem
     print(f"{lines.number} lines sent, {refused} refused", file=sys.stderr)
     return EXIT_DOUBTFUL if refused else EXIT_FINE
 
 
-class Counted:
-    """Number of lines that were read."""
+class SentLines(Thread):
+    """Puts lines into an outbox as they come, while others are sent."""
 
-    number = 0
+    def __init__(self, source: FileIO, name: str, outbox: Outbox, network: str) -> None:
+        """Take the lines; nothing is read yet."""
+        super().__init__(name="lines", daemon=True)
+        self._source, self._outbox, self._network = source, outbox, network
+        self._place = "standard input" if name == "-" else name
+        self._stopped = Event()
+        self.number = 0
+        """Number of postings so far."""
+        self.problem: AdjustmentError | None = None
+        """Why no more are read."""
+        self.ended = Event()
+        """Set when nothing more comes."""
 
+    def stop(self) -> None:
+        """Read no further."""
+        self._stopped.set()
 
-def _batches(source: IO[str], name: str, lines: Counted) -> Iterator[list[dict[str, Any]]]:
-    """Yield postings; those of a file many at once, those of a pipe or terminal one by one."""
-    batch: list[dict[str, Any]] = []
-    most = 1 if name == "-" else LINES_AT_ONCE
-    for number, line in enumerate(source, 1):
-        if not line.strip():
-            continue
-        where = f"{'standard input' if name == '-' else name}:{number}"
+    def run(self) -> None:
+        """Read until the end, or a line that cannot be sent; those before it are sent."""
         try:
-            record = json.loads(line)
-        except ValueError as error:
-            raise InputError(Problem(f"is no JSON ({error})", where)) from None
-        if not isinstance(record, dict):
-            raise InputError(Problem('is no JSON object: {"kind": …} or {"do": …}', where))
-        lines.number += 1
-        batch.append(record)
-        if len(batch) == most:
-            yield batch
-            batch = []
-    if batch:
-        yield batch
+            for records in filter(None, self._records()):
+                self._outbox.put(self._network, *records)
+                self.number += len(records)
+                while not self._outbox.on_disk and len(self._outbox) > MAX_IN_MEMORY:
+                    if self._stopped.wait(WAIT_SECONDS):
+                        return
+        except AdjustmentError as problem:
+            self.problem = problem
+        except (OSError, ValueError) as error:
+            self.problem = InputError(Problem(str(error), self._place))
+        finally:
+            self.ended.set()
+            self._outbox.wake()
+
+    def _records(self) -> Iterator[list[dict[str, Any]]]:
+        """Yield postings, those together that have come together."""
+        number, begun = 0, []  # parts of a line whose end has not come
+        while chunk := self._source.read(CHUNK):
+            begun.append(chunk)
+            if b"\n" in chunk:
+                *lines, rest = b"".join(begun).split(b"\n")
+                yield from self._parsed(lines, number)
+                number, begun = number + len(lines), [rest]
+        yield from self._parsed([b"".join(begun)], number)
+
+    def _parsed(self, lines: list[bytes], before: int) -> Iterator[list[dict[str, Any]]]:
+        """Yield the postings of lines; a faulty line is told after those before it."""
+        out: list[dict[str, Any]] = []
+        for number, line in enumerate(lines, before + 1):
+            try:
+                out += [_posting(line, f"{self._place}:{number}")] if line.strip() else []
+            except InputError:
+                yield out
+                raise
+        yield out
 
 
-def _source(name: str) -> IO[str]:
-    if name == "-":
-        return os.fdopen(os.dup(sys.stdin.fileno()), encoding="utf-8")
+def _posting(line: bytes, where: str) -> dict[str, Any]:
     try:
-        return Path(name).open(encoding="utf-8")
+        record = json.loads(line)
+    except ValueError as error:
+        raise InputError(Problem(f"is no JSON ({error})", where)) from None
+    if not isinstance(record, dict):
+        raise InputError(Problem('is no JSON object: {"kind": …} or {"do": …}', where))
+    return record
+
+
+def _source(name: str) -> FileIO:
+    """Open a file, or standard input, whose reads return what is there."""
+    if name == "-":
+        return FileIO(os.dup(sys.stdin.fileno()))
+    try:
+        return FileIO(name)
     except OSError as error:
         raise InputError(Problem(system_reason(error), name)) from None
 

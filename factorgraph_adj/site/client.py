@@ -38,6 +38,10 @@ PAGE = 1000
 """Observations that are asked for at once."""
 POSTINGS_AT_ONCE = 100
 """Postings of an outbox in one request."""
+REQUEST_SECONDS = 0.1
+"""Least time between the begins of two requests of an outbox that is filled, seconds."""
+QUIET_SECONDS = 1.0
+"""Time after which an outbox is looked at that another process may have filled, seconds."""
 
 Answer = dict[str, Any]
 
@@ -257,13 +261,70 @@ class Client:
         """
         number = 0
         while kept := outbox.first(POSTINGS_AT_ONCE):
-            records = [k.record for k in kept]
-            answers = self.post_all(kept[0].network, records, patience=patience)
-            outbox.done(kept, answers)
-            for posting, answer in zip(kept, answers, strict=True):
-                answered(posting, answer)
+            self._send_kept(outbox, kept, answered, patience)
             number += len(kept)
         return number
+
+    def _send_kept(
+        self,
+        outbox: Outbox,
+        kept: Sequence[Kept],
+        answered: Callable[[Kept, Answer], None],
+        patience: float | None,
+    ) -> None:
+        """Send postings of an outbox in one request."""
+        records = [k.record for k in kept]
+        answers = self.post_all(kept[0].network, records, patience=patience)
+        outbox.done(kept, answers)
+        for posting, answer in zip(kept, answers, strict=True):
+            answered(posting, answer)
+
+    def forward(
+        self,
+        outbox: Outbox,
+        ended: threading.Event,
+        *,
+        answered: Callable[[Kept, Answer], None] = lambda kept, answer: None,
+    ) -> int:
+        """Send what comes into an outbox until it is empty after ``ended`` was set.
+
+        The postings of each network are sent in their order.
+
+        What comes after a quiet time is sent at once; requests that follow begin at least
+        `REQUEST_SECONDS` apart, so that readings that come fast share requests.
+
+        Args:
+            outbox: the outbox, which other threads fill; what was answered leaves it.
+            ended: says that nothing more comes; `Outbox.wake` tells this soon.
+            answered: called with each posting and its answer.
+
+        Returns:
+            How many postings were sent.
+
+        Raises:
+            ServiceAway: the site did not answer for the time that is allowed. While more may come
+                to an outbox on a disk, it is tried again instead.
+            InputError: the token may not do this, or there is no such network.
+        """
+        number = 0
+        while True:
+            last, begun = ended.is_set(), clock.monotonic()
+            kept = outbox.oldest(POSTINGS_AT_ONCE)
+            try:
+                for network in dict.fromkeys(k.network for k in kept):
+                    own = [k for k in kept if k.network == network]
+                    self._send_kept(outbox, own, answered, None)
+                    number += len(own)
+            except ServiceAway:
+                if last or not outbox.on_disk or self._stopped.is_set():
+                    raise
+                continue
+            if last and not kept:
+                return number
+            if kept and len(kept) < POSTINGS_AT_ONCE:
+                ended.wait(max(0.0, begun + REQUEST_SECONDS - clock.monotonic()))
+            elif not kept and not last:
+                outbox.wait(QUIET_SECONDS)
 
     # -- events -----------------------------------------------------------------------------------
 

@@ -13,6 +13,7 @@ import time as clock
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import takewhile
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -52,17 +53,26 @@ def requested(record: Mapping[str, Any], *, time: float | None = None) -> dict[s
     return out
 
 
+IN_MEMORY = ":memory:"
+"""Path of an outbox that keeps nothing on a disk."""
+
+
 class Outbox:
     """Postings in a file of SQLite; threads may share it."""
 
     def __init__(self, path: str | Path) -> None:
         """Open a file, or make it.
 
+        Args:
+            path: the file; `IN_MEMORY`: none.
+
         Raises:
             InputError: it cannot be opened, or is no outbox.
         """
         self.path = Path(path)
-        self._lock = threading.Lock()
+        self.on_disk = str(path) != IN_MEMORY
+        """Whether postings survive the process."""
+        self._lock, self._came = threading.Lock(), threading.Event()
         try:
             self._file = sqlite3.connect(self.path, check_same_thread=False, isolation_level=None)
             self._file.execute("pragma journal_mode = wal")
@@ -76,15 +86,26 @@ class Outbox:
 
         Args:
             network: name of their network.
-            records: postings; what states no ``time`` was measured now.
+            records: postings; what states no ``time`` was measured now. Where nothing is on a disk,
+                it stays without one: it counts when the site receives it.
 
         Raises:
             InputError: they cannot be written, on a full disk for example; none of them is kept.
         """
-        now = clock.time()
+        now = clock.time() if self.on_disk else None
         rows = [(network, json.dumps(requested(r, time=now))) for r in records]
         with self._writing():
             self._file.executemany("insert into postings (network, record) values (?, ?)", rows)
+        self._came.set()
+
+    def wait(self, seconds: float) -> None:
+        """Return when postings have come since the last call, or after a time; for one thread."""
+        if self._came.wait(seconds):
+            self._came.clear()
+
+    def wake(self) -> None:
+        """Let `wait` return."""
+        self._came.set()
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
@@ -97,17 +118,20 @@ class Outbox:
             what = f"the outbox cannot be written: {error}"
             raise InputError(Problem(what, str(self.path))) from None
 
-    def first(self, most: int) -> list[Kept]:
-        """Return the oldest postings, all of one network."""
+    def oldest(self, most: int) -> list[Kept]:
+        """Return the oldest postings, of all networks."""
         wanted = "select id, network, record from postings order by id limit ?"
         with self._lock:
             rows = self._file.execute(wanted, (most,)).fetchall()
-        kept = [Kept(key, network, json.loads(record)) for key, network, record in rows]
-        same = next((n for n, k in enumerate(kept) if k.network != kept[0].network), len(kept))
-        return kept[:same]
+        return [Kept(key, network, json.loads(record)) for key, network, record in rows]
+
+    def first(self, most: int) -> list[Kept]:
+        """Return the oldest postings, all of one network."""
+        kept = self.oldest(most)
+        return list(takewhile(lambda k: k.network == kept[0].network, kept))
 
     def done(self, sent: Sequence[Kept], answers: Sequence[Mapping[str, Any]]) -> None:
-        """Take out what was answered; what was refused is kept with its answer in ``refused``.
+        """Take out what was answered; on a disk, ``refused`` keeps what was refused, and why.
 
         Raises:
             InputError: this cannot be written; all of them stay, and are sent again.
@@ -115,7 +139,7 @@ class Outbox:
         refused = [
             (k.id, k.network, json.dumps(k.record), json.dumps(a))
             for k, a in zip(sent, answers, strict=True)
-            if not a.get("ok")
+            if self.on_disk and not a.get("ok")
         ]
         with self._writing():
             self._file.executemany("insert or replace into refused values (?, ?, ?, ?)", refused)

@@ -6,6 +6,8 @@ import io
 import json
 import subprocess
 import sys
+import threading
+import time
 
 import httpx2
 import pytest
@@ -14,12 +16,12 @@ import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.site import client as client_module
 from factorgraph_adj.site.client import Client, ServiceAway
-from factorgraph_adj.site.outbox import Outbox
+from factorgraph_adj.site.outbox import IN_MEMORY, Outbox
 from tests.networks.yard import ARRIVALS, WRONG
 from tests.support.places import ROOT
 from tests.support.processes import HANGS
 from tests.support.site_processes import SiteProcess
-from tests.support.sites import yard_site
+from tests.support.sites import until, yard_site
 
 OK = {"ok": True}
 
@@ -111,6 +113,83 @@ def test_an_outbox_keeps_order_times_and_requests_after_it_was_opened_again(tmp_
     outbox.close()
 
 
+def answering(seen):
+    """Return a client of a service that takes everything; ``seen`` gets the lists."""
+
+    def handle(request):
+        seen.append(json.loads(request.content))
+        return httpx2.Response(200, json=[OK] * len(seen[-1]))
+
+    return Client("http://site/", transport=httpx2.MockTransport(handle))
+
+
+def filled(outbox, number, pause):
+    """Fill an outbox by and by in a thread; return what is set at the end."""
+    ended = threading.Event()
+
+    def fill():
+        for n in range(number):
+            outbox.put(f"net{n % 2}", {"n": n})
+            time.sleep(pause)
+        ended.set()
+        outbox.wake()
+
+    threading.Thread(target=fill).start()
+    return ended
+
+
+@pytest.mark.parametrize("name", ["out.sqlite", IN_MEMORY])
+def test_readings_that_come_fast_share_requests_in_their_order(tmp_path, name):
+    seen, told, begun = [], [], time.monotonic()
+    outbox = Outbox(name if name == IN_MEMORY else tmp_path / name)
+    ended = filled(outbox, 60, 0.01)
+    number = answering(seen).forward(outbox, ended, answered=lambda k, a: told.append(k.network))
+    spent = time.monotonic() - begun
+    assert len(seen) <= 2 * (spent / client_module.REQUEST_SECONDS + 2)  # of two networks
+    assert (number, len(outbox), len(told)) == (60, 0, 60)
+    sent = [record["n"] for records in seen for record in records]
+    assert sorted(sent) == list(range(60))
+    assert all([n for n in sent if n % 2 == k] == list(range(k, 60, 2)) for k in (0, 1))
+    assert all(("time" in record) == outbox.on_disk for records in seen for record in records)
+    outbox.close()
+
+
+def test_the_first_reading_after_a_quiet_time_is_sent_at_once(monkeypatch):
+    monkeypatch.setattr(client_module, "REQUEST_SECONDS", HANGS)
+    seen, outbox, ended = [], Outbox(IN_MEMORY), threading.Event()
+    thread = threading.Thread(target=answering(seen).forward, args=(outbox, ended))
+    thread.start()
+    time.sleep(0.05)
+    outbox.put("yard", {"n": 0})
+    until(lambda: seen)
+    ended.set()
+    thread.join(HANGS)
+    assert not thread.is_alive()
+
+
+def test_an_outbox_on_a_disk_waits_for_a_site_that_is_away(tmp_path):
+    seen, away, ended = [], httpx2.ConnectError("refused"), threading.Event()
+    client, outbox = client_of([away, 503, away, 200, away], seen), Outbox(tmp_path / "out.sqlite")
+    client.patience = 0.0
+    outbox.put("yard", ARRIVALS[0])
+    told = client.forward(outbox, ended, answered=lambda kept, answer: ended.set())
+    assert (told, len(seen), len(outbox)) == (1, 4, 0)
+    outbox.put("yard", ARRIVALS[1])
+    with pytest.raises(ServiceAway, match="refused"):  # nothing more comes
+        client.forward(outbox, ended)
+    assert len(outbox) == 1
+    outbox.close()
+
+
+def test_an_outbox_in_memory_does_not_wait_for_longer_than_its_client():
+    client, outbox = client_of([httpx2.ConnectError("refused")], []), Outbox(IN_MEMORY)
+    client.patience = 0.0
+    outbox.put("yard", ARRIVALS[0])
+    with pytest.raises(ServiceAway, match="refused"):
+        client.forward(outbox, threading.Event())
+    outbox.close()
+
+
 def test_a_file_that_is_no_outbox_is_refused(tmp_path):
     (tmp_path / "x").write_text("name,x,y\n" * 100)
     with pytest.raises(InputError, match="outbox"):
@@ -181,3 +260,18 @@ def test_what_is_sent_is_on_the_site(served_yard, tmp_path):
 def test_what_cannot_be_sent_is_told(served_yard, network, line, message):
     code, answers, told = sent(served_yard, network, lines=[line])
     assert code == 2 and not answers and message in told
+
+
+def test_lines_before_a_faulty_one_are_sent(served_yard, tmp_path):
+    lines = [json.dumps({**ARRIVALS[0], "id": f"f{n}"}) + "\n" for n in range(3)]
+    path = tmp_path / "lines.jsonl"
+    path.write_text("".join([lines[0], "\n", lines[1], "no json\n", lines[2]]))
+    code, answers, told = sent(served_yard, "yard", str(path))
+    assert code == 2 and [a["id"] for a in answers] == ["f0", "f1"]
+    assert f"{path}:4: is no JSON" in told
+
+
+def test_a_line_without_an_end_is_sent_as_others(served_yard):
+    line = json.dumps({**ARRIVALS[0], "id": "last", "remark": "x" * 200_000})
+    code, answers, _ = sent(served_yard, "yard", lines=[line])
+    assert code == 0 and [a["id"] for a in answers] == ["last"]

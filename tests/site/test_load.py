@@ -30,6 +30,12 @@ def test_readings_of_many_senders_are_there_once(tmp_path, together):
     assert_everything_is_there_once(tmp_path, found)
 
 
+def test_readings_that_are_piped_to_commands_are_there_once(tmp_path):
+    found = load(tmp_path, senders=2, rate=20.0, seconds=1.0, command=True)
+    assert len(found.acknowledged) == 40 and found.cpu_of_senders > 0.0
+    assert_everything_is_there_once(tmp_path, found)
+
+
 def _record(folder, number):
     database = Database(database_of(folder), serve=False)
     log = EventLog(database)
