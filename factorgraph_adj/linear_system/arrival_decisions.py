@@ -186,9 +186,9 @@ def accepted_verdicts(
     tested = joint.tested()
     figures = tested.figures(joint.raw, np.arange(len(joint.units)))
     with_gains = gains and len(joint.units) <= MAX_GAINS
+    added = _gains(joint, tested) if with_gains else [()] * len(joint.units)
     for i, unit in enumerate(joint.units):
-        added = tuple(_gains(joint, i, tested.block(i))) if with_gains else ()
-        yield from _tested(unit, "accepted", figures, i, alpha, given, added)
+        yield from _tested(unit, "accepted", figures, i, alpha, given, added[i])
 
 
 def untested(unit: Unit, outcome: Outcome, lacks: str = "", cause: str = "") -> list[Verdict]:
@@ -243,23 +243,33 @@ def _tested(
         )
 
 
-def _gains(joint: JointTest, i: int, m: Array) -> Iterator[Gain]:
-    """Iterate over the gains of a unit's points: without it, Q + Q Aᵀ M⁻¹ A Q.
-
-    Args:
-        joint: all units.
-        i: its number.
-        m: M of the unit, (d, d).
-    """
-    values, vectors = np.linalg.eigh(m)
-    on = values > ROUNDING_RATIO
-    for name in dict.fromkeys(joint.units[i].points):
-        columns, free, variance = joint.place(name)
-        if not len(columns):
-            continue
-        variance = np.maximum(variance, 0.0)
-        turned = joint.spread(i, columns) @ vectors
-        more = (turned[:, on] ** 2 / values[on]).sum(axis=1)
-        lost = (np.abs(turned[:, ~on]) > ROUNDING_RATIO * np.sqrt(variance)[:, None]).any(axis=1)
-        before = np.where(free, np.where(lost, np.inf, np.sqrt(variance + more)), 0.0)
-        yield Gain(name, before, np.where(free, np.sqrt(variance), 0.0))
+def _gains(joint: JointTest, tested: LeaveOneOutTests) -> list[tuple[Gain, ...]]:
+    """Return the gains of the points of each unit: without it, Q + Q Aᵀ M⁻¹ A Q."""
+    found: list[dict[str, Gain]] = [{} for _ in joint.units]
+    sizes = np.array([len(rows) for rows in tested.rows])
+    for size in np.unique(sizes).tolist():
+        numbers = np.flatnonzero(sizes == size)
+        values, vectors = np.linalg.eigh(tested.blocks[numbers, :size, :size])
+        members: dict[str, list[int]] = {}
+        for k, i in enumerate(numbers.tolist()):
+            for name in dict.fromkeys(joint.units[i].points):
+                members.setdefault(name, []).append(k)
+        for name, own in members.items():
+            columns, free, variance = joint.place(name)
+            if not len(columns):
+                continue
+            variance = np.maximum(variance, 0.0)
+            spread = np.stack([joint.spread(i, columns) for i in numbers[own].tolist()])
+            turned, along = spread @ vectors[own], values[own][:, None, :]
+            on = along > ROUNDING_RATIO
+            more = np.where(on, turned**2 / np.where(on, along, 1.0), 0.0).sum(axis=2)
+            limit = ROUNDING_RATIO * np.sqrt(variance)[:, None]
+            lost = (~on & (np.abs(turned) > limit)).any(axis=2)
+            before = np.where(free, np.where(lost, np.inf, np.sqrt(variance + more)), 0.0)
+            after = np.where(free, np.sqrt(variance), 0.0)
+            for i, own_before in zip(numbers[own].tolist(), before, strict=True):
+                found[i][name] = Gain(name, own_before, after)
+    return [
+        tuple(gains[n] for n in dict.fromkeys(unit.points) if n in gains)
+        for unit, gains in zip(joint.units, found, strict=True)
+    ]
