@@ -75,6 +75,10 @@ class Month:
     network: fga.Network = field(default_factory=lambda: fga.Network("dam"))
     """The network without observations."""
 
+    def raised(self) -> set[tuple[str, str, int]]:
+        """Return rule, point and day of the alarms."""
+        return {(a.rule, a.point, d) for d, f in self.findings.items() for a in f.raised}
+
 
 def drawn_month(seed: int, days: int) -> Month:
     """Return a month; the displacements have the sizes of `tests.benchmarks.monitoring`."""
@@ -171,6 +175,13 @@ class Served:
     """Largest relative difference of a test of a closed epoch."""
     stale: int = 0
     """Epochs whose recorded tests are of before late readings of an earlier epoch."""
+
+    def raised(self) -> set[tuple[str, str, int]]:
+        """Return rule, point and day of the alarms."""
+        return {
+            (str(a["rule"]), "".join(a["points"]), round((a["since"] - BEGIN) / DAY_S - 0.5))
+            for a in self.alarms
+        }
 
 
 def serve_month(folder: Path, month: Month, *, seed: int, kills: int) -> Served:
@@ -303,11 +314,7 @@ def main() -> None:
         month = drawn_month(seed, options.days)
         with storing_in(store), tempfile.TemporaryDirectory() as folder:
             out = serve_month(Path(folder), month, seed=seed, kills=options.kills)
-        mine = {
-            (a["rule"], "".join(a["points"]), round((a["since"] - BEGIN) / DAY_S - 0.5))
-            for a in out.alarms
-        }
-        engine = {(a.rule, a.point, d) for d, f in month.findings.items() for a in f.raised}
+        mine, engine = out.raised(), month.raised()
         for rule, point, day in mine:
             false[rule] += day < month.moves.get(point, options.days)
         found = {}
