@@ -12,10 +12,8 @@ follow each other are one arrival of their epoch: each is tested against everyth
 the others too. Where the transaction fails, the state in memory is dropped and read again from the
 database.
 
-The clock of a network is the time of its latest posting plus the time that has passed since that
-came: epochs of a simulation that runs fast end as epochs of a real day do. A posting belongs to the
-epoch of its time. One for an epoch that has ended opens it again; its result then has the next
-revision.
+A posting belongs to the epoch of its time; an epoch ends when the clock of the network says so. A
+posting for an epoch that has ended opens it again; its result then has the next revision.
 """
 
 from __future__ import annotations
@@ -37,6 +35,7 @@ from .alarm_tables import SiteAlarm
 from .database import Database, DatabaseAway
 from .epoch_results import epoch_result, record_result
 from .live_epochs import LiveEpoch, LiveEpochs
+from .network_clock import NetworkClock
 from .posting_transactions import Batch, Task
 from .postings import QUERIES, OtherRequest, Posting, named_ids, recorded_requests, repeated_answer
 from .site_file import NetworkSettings
@@ -84,13 +83,14 @@ class LiveNetwork:
         self._lock = threading.RLock()
         self._tasks: queue.Queue[Task | None] = queue.Queue()
         self._stale: dict[int, float] = {}
-        self._clock = (0.0, clock.monotonic())
         self._lines = 0
         self.last_arrival: float | None = None
         """When the last posting was recorded, seconds UTC; None: none since the service began."""
         self.away = ""
         """Why the database could not be written last; empty where it could."""
         self.id, self.begun = self._row()
+        self.clock = NetworkClock.recorded(database, self.id)
+        """Clock by which epochs end."""
         self._epochs = LiveEpochs(settings, project, database, self.id)
         self._thread = threading.Thread(target=self._run, name=f"network {settings.name}")
         self._thread.daemon = True
@@ -178,11 +178,6 @@ class LiveNetwork:
         """Return the epochs in order, as their rows say; ``results``: with their results."""
         return self._epochs.read_rows(results=results)
 
-    def now(self) -> float:
-        """Return the clock of the network, seconds UTC."""
-        latest, came = self._clock
-        return latest + clock.monotonic() - came if latest else clock.time()
-
     # -- begin ------------------------------------------------------------------------------------
 
     def _row(self) -> tuple[int, float]:
@@ -267,7 +262,7 @@ class LiveNetwork:
         lot: dict[str | int, Posting] = {}
         for task in tasks:
             try:
-                posting = Posting.of(task, self._clock[0])
+                posting = Posting.of(task, self.clock.latest)
             except AdjustmentError as error:
                 self._answer_lot([*lot.values()], batch)
                 lot = {}
@@ -353,8 +348,7 @@ class LiveNetwork:
                 row = {"network": self.id, "request": posting.request, "digest": posting.digest}
                 row |= {"at": task.received, "answer": json.dumps(answer)}
                 batch.requests.append(row)
-            if time > self._clock[0]:
-                self._clock = time, clock.monotonic()
+            self.clock.posted(time)
             named = named_ids(task.record)
             batch.events.append(("arrival", about | {"do": do} | named | answer))
             if do != "add":
@@ -398,7 +392,7 @@ class LiveNetwork:
 
     def _close_what_ended(self, batch: Batch, *, idle: bool, ends: bool) -> None:
         """Close epochs whose time has passed, and compute again what got late readings."""
-        schedule, now = self.settings.epochs, self.now()
+        schedule, now = self.settings.epochs, self.clock.now()
         if schedule.length is not None:
             for row in self._epochs.rows():
                 if row["state"] == "open" and row["end"] and now > row["end"] + schedule.grace:

@@ -72,7 +72,7 @@ class Retention:
             out["answers"] = self._shorten_answers(now - keep.answers)
         if keep.journals is not None:
             for network in self._networks:
-                out["epochs"] += len(network.drop_readings(network.now() - keep.journals))
+                out["epochs"] += len(network.drop_readings(network.clock.now() - keep.journals))
         return out
 
     def _drop_events(self, before: float) -> int:

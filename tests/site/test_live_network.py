@@ -221,6 +221,21 @@ def test_epochs_follow_the_time_of_the_readings(tmp_path):
         assert abs(c["z"] - 101.4996) < 1e-3
 
 
+def test_the_clock_of_a_network_goes_on_after_a_restart(tmp_path):
+    with site_of(tmp_path, epochs="1 h") as site:
+        posted(yard_of(site), *({**a, "time": BEGIN + 1800.0} for a in ARRIVALS[:4]))
+        before = yard_of(site).clock.now()
+    with site_of(tmp_path, epochs="1 h") as site:
+        assert 0.0 <= yard_of(site).clock.now() - before < 600.0
+    with site_of(tmp_path, epochs="1 h") as site:  # ended by the clock of the machine long ago
+        live = yard_of(site)
+        posted(live, *({**a, "time": BEGIN + 1860.0} for a in ARRIVALS[4:]))
+        posted(live, {**ARRIVALS[0], "time": BEGIN + 1.5 * HOUR})
+        rows = live.epochs(results=True)
+        assert [(r["state"], r["revision"]) for r in rows[1:]] == [("closed", 1), ("open", 0)]
+        assert rows[1]["result"]["counts"]["observations"] == len(ARRIVALS)
+
+
 def test_a_late_reading_opens_its_epoch_again(tmp_path):
     with site_of(tmp_path, epochs="1 h") as site:
         live = yard_of(site)
