@@ -129,14 +129,19 @@ def listed_once(problems: Iterable[Problem]) -> tuple[Problem, ...]:
 
 
 class InputError(AdjustmentError):
-    """An input has problems; the exception lists all of them."""
+    """An input has problems; the exception lists all of them.
+
+    ``problems`` have each long list of valid names once; ``noted`` are the problems as they were
+    given, for a reader that puts them among others and sorts them.
+    """
 
     def __init__(self, problems: str | Problem | Iterable[Problem]) -> None:
         if isinstance(problems, str):
             problems = [Problem(problems)]
         elif isinstance(problems, Problem):
             problems = [problems]
-        self.problems: tuple[Problem, ...] = listed_once(problems)
+        self.noted = tuple(problems)
+        self.problems: tuple[Problem, ...] = listed_once(self.noted)
         super().__init__("\n".join(str(p) for p in self.problems))
 
 

@@ -56,7 +56,7 @@ class AtmosphereSettings:
                 row.wrong(f"max_age {error}")
         if index is not None and not 0.0 <= index - 1.0 < MAX_INDEX_DIFFERENCE:
             row.wrong(f"reference_index must be such as 1.0002863, not {index:g}")
-        if sensor is None and (t is None or p is None):
+        if sensor is None and not ("temperature_c" in row and "pressure_hpa" in row):
             row.wrong("give temperature_c and pressure_hpa, or a sensor that has them")
         given = {
             "temperature": None if t is None else t + ZERO_CELSIUS,
@@ -64,8 +64,7 @@ class AtmosphereSettings:
             "humidity": None if h is None else 0.01 * h,
         }
         stated = {name: v for name, v in given.items() if v is not None}
-        for key in row.left():
-            row.wrong(f"unknown key {key!r}")
+        row.refuse_left()
         if wavelength is not None:
             try:
                 group_index(**{**_USUAL, **stated}, wavelength=1e-9 * wavelength)

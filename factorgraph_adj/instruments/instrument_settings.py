@@ -52,11 +52,11 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from ..errors import InputError, Problem, known
-from ..io.csv_tables import FieldRow
+from ..io.csv_tables import FieldRow, rows_of_tables
 from ..io.field_books.accuracies import DEFAULT_ACCURACIES, Accuracies
 from ..io.format_options import fitting_options
 from .distance_corrections import AtmosphereSettings
-from .grammars import Grammar, grammar_record
+from .grammars import Grammar, grammar_record, grammar_words
 from .line_sources import LineSource, line_source
 
 ClockChoice = Literal["instrument", "receipt", "stated"]
@@ -177,33 +177,40 @@ def read_instruments(
         InputError: all problems of all tables.
     """
     problems: list[Problem] = []
-    if tables is None:
-        return []
-    if not isinstance(tables, list) or not all(isinstance(t, dict) for t in tables):
-        raise InputError(Problem("instruments must be tables [[instrument]]", where))
-    out: list[InstrumentSettings] = []
-    for number, table in enumerate(tables, 1):
-        row = FieldRow(table, where, problems, f"[[instrument]] {table.get('name', number)!r}")
-        found = _instrument(row, folder, networks)
-        if found is not None and any(found.name == other.name for other in out):
-            row.wrong(f"the name {found.name!r} stands twice")
-        out += [found] if found is not None else []
-    files = [s.keep_lines_at for s in out if s.keep_lines is not None]
-    for s in out:
-        if s.keep_lines is not None and files.count(s.keep_lines_at) > 1:
-            row = FieldRow({}, where, problems, f"[[instrument]] {s.name!r}")
-            row.wrong(f"keep_lines: {s.keep_lines!r} is that of another instrument, too")
-    names = [s.name for s in out]
-    for s in out:
-        if s.atmosphere is not None and s.atmosphere.sensor not in (None, *names):
-            row = FieldRow({}, where, problems, f"[[instrument]] {s.name!r}")
-            row.wrong(
-                f"sensor: there is no instrument {s.atmosphere.sensor!r}; known: "
-                f"{known(names, meant=s.atmosphere.sensor)}"
-            )
+    rows = rows_of_tables(tables, "instrument", where, problems)
+    out = [_instrument(row, folder, networks) for row in rows]
+    names = [str(row.fields["name"]) for row in rows if "name" in row]
+    refuse_names_twice(rows)
+    files = [row.fields["keep_lines"] for row in rows if "keep_lines" in row]
+    for row in rows:
+        kept, air = row.fields.get("keep_lines"), row.fields.get("atmosphere")
+        if files.count(kept) > 1:
+            row.wrong(f"keep_lines: {kept!r} is that of another instrument, too")
+        sensor = air.get("sensor") if isinstance(air, dict) else None
+        if sensor is not None and sensor not in names:
+            listed = known(names, meant=sensor)
+            row.wrong(f"sensor: there is no instrument {sensor!r}; known: {listed}")
     if problems:
         raise InputError(problems)
-    return out
+    return [settings for settings in out if settings is not None]
+
+
+def refuse_names_twice(rows: Sequence[FieldRow]) -> None:
+    """Note every table whose name an earlier one has."""
+    first: dict[object, str] = {}
+    for row in rows:
+        name = row.fields.get("name")
+        if isinstance(name, str) and name in first:
+            row.wrong(f"name {name!r} stands twice: it is that of {first[name]}, too")
+        elif isinstance(name, str):
+            first[name] = row.of
+
+
+def refuse_other_networks(row: FieldRow, name: str, networks: Sequence[str]) -> None:
+    """Note a name of a network that the site does not have; nothing where it has none at all."""
+    if networks and name not in networks:
+        listed = known(dict.fromkeys(networks), meant=name)
+        row.wrong(f"network: there is no network {name!r}; known: {listed}")
 
 
 def _instrument(
@@ -213,23 +220,17 @@ def _instrument(
     out: dict[str, Any] = {"folder": folder}
     for name in ("name", "network", "source", "grammar"):
         out[name] = row.text(name, required=True) or ""
-    if out["network"] and networks is not None and out["network"] not in networks:
-        valid = known(networks, meant=out["network"])
-        row.wrong(f"network: there is no network {out['network']!r}; known: {valid}")
+    if out["network"] and networks is not None:
+        refuse_other_networks(row, out["network"], networks)
     for name in ("station", "distance_meter", "refraction", "keep_lines"):
         out[name] = row.text(name)
     out["instrument_height"] = row.number("instrument_height")
     out["post"] = row.choice("post", get_args(PostChoice), "sets")
     out["clock"] = row.choice("clock", get_args(ClockChoice), "instrument")
     out["only_targets"] = row.flag("only_targets")
-    if (faces := row.take("faces")) is not None:
-        out["faces"] = faces
-        if isinstance(faces, bool) or faces not in (1, 2):
-            row.wrong(f"faces must be 1 or 2, not {faces!r}")
-    if (readings := row.take("readings")) is not None:
-        out["readings"] = readings
-        if isinstance(readings, bool) or readings not in range(1, MAX_READINGS + 1):
-            row.wrong(f"readings must be a whole number from 1 to {MAX_READINGS}, not {readings!r}")
+    for name, most in (("faces", 2), ("readings", MAX_READINGS)):
+        if (number := row.whole(name, least=1, most=most)) is not None:
+            out[name] = number
     for name in DURATIONS:
         if (text := row.take(name)) is not None:
             try:
@@ -239,7 +240,7 @@ def _instrument(
             except ValueError as error:
                 row.wrong(f"{name} {error}")
     out["targets"] = _names(row, "targets")
-    if out["only_targets"] and not out["targets"]:
+    if out["only_targets"] and not row.fields.get("targets"):
         row.wrong("only_targets needs targets")
     sections = {name: _section(row, name) for name in SECTIONS}
     out["rename"] = _renamed(row, sections["rename"])
@@ -251,39 +252,27 @@ def _instrument(
         out["atmosphere"] = AtmosphereSettings.read(inner, duration)
     out["options"] = _grammar_options(row, out["grammar"])
     if out["source"]:
-        _noting(row, "source: ", lambda: line_source(out["source"], folder))
+        row.made(lambda: line_source(out["source"], folder), "source: ")
     return None if row.failed else InstrumentSettings(**out)
-
-
-def _noting(row: FieldRow, before: str, make: Any) -> Any:
-    """Return what a function makes; None after an InputError, whose problems are noted."""
-    try:
-        return make()
-    except InputError as error:
-        for p in error.problems:
-            row.wrong(f"{before}{p.where + ': ' * bool(p.where)}{p.what}")
-        return None
 
 
 def _grammar_options(row: FieldRow, word: str) -> dict[str, Any]:
     """Return the options of the grammar: the keys that nothing else has taken."""
-    left = row.left()
-    record = _noting(row, "", lambda: grammar_record(word)) if word else None
+    record = row.made(lambda: grammar_record(word)) if word else None
     if record is None:
+        # The keys of a grammar that is not known are not known either.
+        every = [n for w in grammar_words() for n in grammar_record(w).options]
+        for key in (k for k in row.left() if k in every):
+            row.take(key)
+        row.refuse_left()
         return {}
-    own = {f.name for f in fields(InstrumentSettings)} - {"options", "folder"}
-    for key in left:
-        if key not in record.options:
-            valid = known(sorted({*own, *record.options}), meant=key, most=60)
-            row.wrong(f"unknown key {key!r}; valid: {valid}")
-    given = {key: row.take(key) for key in left if key in record.options}
-    options = _noting(
-        row,
-        "",
-        lambda: fitting_options(record.make, given, doing=f"grammar {word}", where=""),
+    given = {key: row.take(key) for key in row.left() if key in record.options}
+    row.refuse_left(record.options)
+    options = row.made(
+        lambda: fitting_options(record.make, given, doing=f"grammar {word}", where="")
     )
     if options is not None:
-        _noting(row, "", lambda: record.parser(options))
+        row.made(lambda: record.parser(options), f"grammar {word}: ")
     return options or {}
 
 
@@ -295,16 +284,11 @@ def _section(row: FieldRow, name: str) -> dict[str, Any]:
 
 
 def _names(row: FieldRow, name: str) -> tuple[str, ...]:
-    found = row.take(name)
-    if found is None:
-        return ()
-    if not isinstance(found, list) or not all(isinstance(n, str) and n for n in found):
-        row.wrong(f'{name} must be a list of names such as ["A", "B"], not {found!r}')
-        return ()
+    found = row.texts(name, "names", '["A", "B"]') or ()
     twice = sorted({n for n in found if found.count(n) > 1})
     if twice:
         row.wrong(f"{name}: {known(twice)} more than once")
-    return tuple(found)
+    return found
 
 
 def _renamed(row: FieldRow, given: Mapping[str, object]) -> dict[str, str]:
@@ -335,5 +319,5 @@ def _accuracies(row: FieldRow, given: Mapping[str, Any]) -> Accuracies:
         elif key not in valid:
             row.wrong(f"accuracies: unknown key {key!r}; valid: {known(valid, meant=key)}")
     stated = {k: v for k, v in given.items() if k in valid}
-    found = _noting(row, "accuracies: ", lambda: Accuracies(**stated))
+    found = row.made(lambda: Accuracies(**stated), "accuracies: ")
     return DEFAULT_ACCURACIES if found is None else found

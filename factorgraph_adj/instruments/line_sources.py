@@ -449,6 +449,19 @@ SOURCES: dict[str, Callable[[str, Path], LineSource] | tuple[str, str]] = {
 or the module beside this one and its function that does."""
 
 
+SOURCE_FORMS = {
+    "tcp": "tcp://HOST:PORT",
+    "tcp-listen": "tcp-listen://HOST:PORT",
+    "serial": "serial:DEVICE?baud=9600",
+    "file": "file:NAME",
+    "mqtt": "mqtt://HOST/TOPIC",
+    "mqtts": "mqtts://HOST/TOPIC",
+    "rosbag": "rosbag:NAME",
+}
+"""Forms of the sources, by scheme, for messages."""
+_PLAIN_ADDRESS = re.compile(r"[\w.-]+:[0-9]+|\[[0-9a-fA-F:]+\]:[0-9]+")
+
+
 def line_source(text: str, folder: Path = Path()) -> LineSource:
     """Return the source of ``source = "…"``.
 
@@ -461,8 +474,11 @@ def line_source(text: str, folder: Path = Path()) -> LineSource:
     """
     scheme, colon, rest = text.partition(":")
     if not colon or scheme not in SOURCES:
-        meant = similar(scheme, SOURCES) if colon else ""
-        raise InputError(f"unknown source {text!r}; valid: {known(SOURCES)}, with a colon{meant}")
+        plain = f"tcp://{text}" if _PLAIN_ADDRESS.fullmatch(text) else ""
+        plain = plain or (f"file:{text}" if (folder / text).is_file() else "")
+        meant = f"; did you mean {plain!r}?" if plain else similar(scheme, SOURCES) * bool(colon)
+        forms = known(SOURCE_FORMS.values())
+        raise InputError(f"unknown source {text!r}; valid: {forms}{meant}")
     make = SOURCES[scheme]
     if isinstance(make, tuple):
         make = getattr(import_module(f".{make[0]}", __package__), make[1])

@@ -6,9 +6,10 @@ import csv
 import math
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 from ..control_characters import escaped, has_control_characters, why_refused
 from ..errors import InputError, Problem, known
@@ -33,6 +34,7 @@ _NUMBER = re.compile(
 _FORMULA = re.compile("'*[=@+\\-\t\r＝＠＋－]")
 """Beginning of a text that a spreadsheet computes, also in the wide characters of East Asia, or
 that would be read as such a text behind its apostrophe."""
+Found = TypeVar("Found")
 _GUARDED = re.compile("'+[=@+\\-\t\r＝＠＋－]")
 
 
@@ -219,7 +221,7 @@ class FieldRow:
 
     def wrong_all(self, error: InputError) -> None:
         """Note the problems of an error; the place of this row precedes theirs."""
-        for p in error.problems:
+        for p in error.noted:
             inside = p.where if p.where and p.where not in self.place else ""
             inside = inside.removeprefix(f"{self.where}: ")
             where = ": ".join(part for part in (self.where, inside or self.of) if part)
@@ -295,6 +297,59 @@ class FieldRow:
             self.wrong(str(error))
             return None
 
+    def whole(self, name: str, *, least: int = 0, most: float = math.inf) -> int | None:
+        """Return a whole number; None if it is absent or wrong (then a problem is noted)."""
+        value = self.take(name)
+        if value is None:
+            return None
+        try:
+            found = checked_number(value, name)
+        except ValueError:
+            found = math.nan
+        if found.is_integer() and least <= found <= most:
+            return int(found)
+        valid = f"a whole number from {least}" + (f" to {most}" if most < math.inf else "")
+        valid = f"{least} or {most}" if most == least + 1 else valid
+        self.wrong(f"{name} must be {valid}, not {value!r}")
+        return None
+
+    def texts(self, name: str, what: str, such: str) -> tuple[str, ...] | None:
+        """Return a list of texts; None if it is absent or wrong (then a problem is noted).
+
+        Args:
+            name: name of the field.
+            what: what the texts are, for messages: ``names of points``.
+            such: an example, for messages: ``["D1", "D2"]``.
+        """
+        value = self.take(name)
+        if value is None:
+            return None
+        if isinstance(value, list | tuple) and all(isinstance(v, str) and v for v in value):
+            return tuple(value)
+        self.wrong(f"{name} must be a list of {what}, such as {such}, not {value!r}")
+        return None
+
+    def made(self, make: Callable[[], Found], before: str = "") -> Found | None:
+        """Return what a function makes; None after an InputError, whose problems are noted here.
+
+        Args:
+            make: the function.
+            before: text before each problem, such as the name of the field.
+        """
+        try:
+            return make()
+        except InputError as error:
+            for p in error.noted:
+                self.wrong(f"{before}{p}")
+            return None
+
+    def refuse_left(self, valid: Iterable[str] = ()) -> None:
+        """Note the filled fields that no method has read; ``valid``: names beside those read."""
+        names = list(dict.fromkeys((*self.taken, *valid)))
+        for name in self.left():
+            listed = known(sorted(names), meant=name, most=60)
+            self.wrong(f"unknown key {name!r}; valid: {listed}")
+
     def present(self, prefix: str, units: Iterable[str]) -> tuple[str, str] | None:
         """Return name and unit of the single filled field ``prefix_unit``."""
         filled = [(f"{prefix}_{u}", u) for u in units if f"{prefix}_{u}" in self.fields]
@@ -313,3 +368,34 @@ class FieldRow:
     def left(self) -> list[str]:
         """Return the filled fields that no method has read."""
         return [f for f in self.fields if f not in self.taken and f not in REMARK_COLUMNS]
+
+
+def rows_of_tables(given: object, key: str, where: str, problems: list[Problem]) -> list[FieldRow]:
+    """Return the fields of tables ``[[key]]`` of a TOML file; problems are noted.
+
+    Args:
+        given: value of the key in the document; None: there are no tables.
+        key: the key.
+        where: name of the file; `factorgraph_adj.io.text_files.TomlPlaces` gives the lines.
+        problems: list to which problems are added.
+    """
+    if given is None:
+        return []
+    if not isinstance(given, list) or not all(isinstance(table, dict) for table in given):
+        what = f"{key} must be tables: write [[{key}]] with two brackets above each"
+        problems.append(Problem(what, where))
+        return []
+    rows = []
+    for number, table in enumerate(given, 1):
+        name = table.get("name", "")
+        of = f"[[{key}]] {number}" + (f" {name!r}" if isinstance(name, str) and name else "")
+        rows.append(FieldRow(table, where, problems, of))
+    return rows
+
+
+def row_of_table(given: object, key: str, where: str, problems: list[Problem]) -> FieldRow | None:
+    """Return the fields of the table ``[key]`` of a TOML file; None: it is none, which is noted."""
+    if isinstance(given, dict):
+        return FieldRow(given, f"{where}: [{key}]", problems)
+    problems.append(Problem(f"{key} must be a table [{key}], not {given!r}", where))
+    return None

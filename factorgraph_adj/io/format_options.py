@@ -149,7 +149,10 @@ def option_text(name: str, value: str | Sequence[str]) -> str:
 def _kinds(function: Callable[..., object]) -> dict[str, Any]:
     """Return the annotations of the options of a function, and of the fields of groups."""
     inside = {n: k for g in _groups(function).values() for n, k in get_type_hints(type(g)).items()}
-    return {**inside, **get_type_hints(function)}
+    # The arguments of a class are those of its __init__, which only a dataclass has as fields.
+    is_class = isinstance(function, type)
+    made = inspect.getattr_static(function, "__init__") if is_class else function
+    return {**inside, **get_type_hints(made)}
 
 
 def _fits(value: object, hint: Any) -> bool:

@@ -10,7 +10,7 @@ import codecs
 import re
 import sys
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -212,13 +212,20 @@ class TomlPlaces:
         line = self._line(rest, problem.what)
         return Problem(problem.what, f"{self.name}:{line}{rest}")
 
+    def in_order(self, problems: Iterable[Problem]) -> list[Problem]:
+        """Return problems of the file with their lines, in the order of the lines."""
+        found = [self.placed(p) for p in problems]
+        at = re.compile(rf"{re.escape(self.name)}:(\d+)")
+        lines = [int(m[1]) if (m := at.match(p.where)) else 0 for p in found]
+        return [p for _, p in sorted(zip(lines, found, strict=True), key=lambda pair: pair[0])]
+
     @contextmanager
     def placing(self) -> Iterator[None]:
         """Give the problems of an InputError inside their lines."""
         try:
             yield
         except InputError as error:
-            raise InputError(map(self.placed, error.problems)) from None
+            raise InputError(map(self.placed, error.noted)) from None
 
     def _line(self, rest: str, what: str) -> int:
         """Return the line of the key that a message is about, or of its table."""
@@ -229,10 +236,22 @@ class TomlPlaces:
             for section in sections:
                 if word in section.keys:
                     return section.keys[word]
+        inside = [s for s in sections[1:] if s.name.split(".")[-1] in own.split()]
+        if inside:
+            return inside[0].line
         if sections and sections[0].name:
             return sections[0].line
         by_header = [s for s in self.sections if s.name and s.name.split(".")[-1] in words]
         return by_header[0].line if by_header else 1
+
+    @staticmethod
+    def _named(fitting: list[_Section], named: re.Match[str]) -> list[_Section]:
+        """Return the one of some tables of a kind that has a number or a name."""
+        if named[2] is not None:
+            return fitting[int(named[2]) - 1 : int(named[2])]
+        texts = [s.texts.get("name", "") for s in fitting]
+        exact = [s for s, t in zip(fitting, texts, strict=True) if _is_text(t, named[1])]
+        return (exact or [s for s, t in zip(fitting, texts, strict=True) if named[1] in t])[:1]
 
     def _sections(self, rest: str) -> list[_Section]:
         """Return the tables that a place names, the one with the name that it states first."""
@@ -243,14 +262,19 @@ class TomlPlaces:
         fitting = [s for s in self.sections if s.name == title]
         inside = [s for s in self.sections if s.name.startswith(f"{title}.")]
         named = _NAMED.match(rest, found.end())
-        if named is not None and named[2] is not None:
-            number = int(named[2])
-            return fitting[number - 1 : number] or fitting
         if named is not None:
-            own = [s for s in fitting if named[1] in s.texts.get("name", "")]
-            begun = own[0].line if own else 0
-            return own + [s for s in inside if s.line > begun] or fitting
+            own = self._named(fitting, named)
+            if not own:
+                return fitting
+            begun = own[0].line
+            end = next((s.line for s in fitting if s.line > begun), self.sections[-1].line + 1)
+            return own + [s for s in inside if begun < s.line < end]
         return fitting + inside or self.sections[:1]
+
+
+def _is_text(toml: str, name: str) -> bool:
+    """Return whether a value of TOML, with what follows it in its line, is a text."""
+    return toml.strip().startswith((f'"{name}"', f"'{name}'"))
 
 
 def read_toml(path: Path) -> tuple[dict[str, Any], TomlPlaces]:

@@ -26,8 +26,9 @@ from fnmatch import fnmatchcase
 from typing import Any, Literal, TypeAlias, get_args
 
 from ..errors import InputError, Problem, known
+from ..io.csv_tables import FieldRow
 from ..statistical_tests import POWER_OF_TEST
-from .raise_rates import MONTH_S, AlarmLife
+from .raise_rates import MAX_WINDOW, MONTH_S, AlarmLife
 
 AlarmTest: TypeAlias = Literal["displacement", "velocity", "cusum", "congruence"]
 """What a rule tests: the displacement of a point against the reference in one epoch, its velocity,
@@ -92,26 +93,40 @@ class AlarmRule:
         Raises:
             InputError: unknown fields, or wrong values.
         """
-        own = ("name", "test", "points", "false_alarms_per_month", "size_mm", "allowance", "power")
-        of_life = ("k", "n", "release", "clear_after")
-        where = f"alarm {record.get('name', '')!r}"
-        unknown = [key for key in record if key not in (*own, *of_life)]
-        if unknown or "name" not in record:
-            wrong = [
-                f"unknown field {k!r}; valid: {known((*own, *of_life), meant=k)}" for k in unknown
-            ]
-            raise InputError(
-                Problem(what, where) for what in wrong + ["has no name"] * ("name" not in record)
-            )
-        life = {key: record[key] for key in of_life if key in record}
-        life.setdefault("clear_after", max(2, int(life.get("n", 1))))
-        stated = {key: record[key] for key in own if key in record}
-        if "points" in stated and not isinstance(stated["points"], str):
-            stated["points"] = tuple(stated["points"])
+        row = FieldRow(record, "", [], f"alarm {record.get('name', '')!r}")
+        rule = cls.of_row(row)
+        row.refuse_left()
+        if rule is None or row.problems:
+            raise InputError(row.problems)
+        return rule
+
+    @classmethod
+    def of_row(cls, row: FieldRow, others: Sequence[str] = ()) -> AlarmRule | None:
+        """Return the rule of a table; None after problems, all of which are noted in the row.
+
+        Args:
+            row: the fields, see `of_record`; the caller refuses those that are left.
+            others: values of ``test`` that are valid beside those of a rule, for messages.
+        """
+        stated: dict[str, Any] = {"name": row.text("name", required=True) or ""}
+        stated["test"] = row.choice("test", (*get_args(AlarmTest), *others), "displacement")
+        stated["points"] = row.texts("points", "names or patterns of points", '["D*", "E1"]')
+        for name in ("false_alarms_per_month", "size_mm", "allowance", "power"):
+            stated[name] = row.number(name)
+        k = row.whole("k", least=1, most=MAX_WINDOW) or 1
+        # Without a valid n, no later message is about it.
+        n = row.whole("n", least=1, most=MAX_WINDOW) or (k if "n" in row else 1)
+        clear_after = row.whole("clear_after", least=1) or max(2, n)
+        release = row.number("release")
+        release = AlarmLife.release if release is None else release
+        life = row.made(lambda: AlarmLife(k, n, release, clear_after))
+        stated["life"] = life or AlarmLife(min(k, n), n, clear_after=max(2, n))
         try:
-            return cls(**stated, life=AlarmLife(**life))
-        except TypeError as error:
-            raise InputError(Problem(str(error), where)) from error
+            rule = cls(**{key: v for key, v in stated.items() if v is not None})
+        except InputError as error:
+            for p in error.noted:
+                row.wrong(p.what)  # the row names the alarm
+        return None if row.failed else rule
 
     def covers(self, point: str) -> bool:
         """Whether the rule watches a point."""

@@ -28,7 +28,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from scipy import special
 
-from ..errors import InputError
+from ..errors import InputError, Problem
 from ..statistical_tests import chi2_upper_quantile, root
 from ..types import Array, Index
 
@@ -59,13 +59,15 @@ class AlarmLife:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
+        wrong = []
         if not 1 <= self.k <= self.n <= MAX_WINDOW:
-            raise InputError(f"k of n epochs: 1 ≤ k ≤ n ≤ {MAX_WINDOW}, not {self.k} of {self.n}")
-        if not 0 < self.release <= 1 or self.clear_after < self.n:
-            raise InputError(
-                f"release must lie in (0, 1], and clear_after must be at least n = {self.n}; "
-                f"not {self.release}, {self.clear_after}"
-            )
+            wrong.append(f"k of n epochs: 1 ≤ k ≤ n ≤ {MAX_WINDOW}, not {self.k} of {self.n}")
+        elif self.clear_after < self.n:
+            wrong.append(f"clear_after must be at least n = {self.n}, not {self.clear_after}")
+        if not 0 < self.release <= 1:
+            wrong.append(f"release must be greater than 0 and at most 1, not {self.release}")
+        if wrong:
+            raise InputError(map(Problem, wrong))
 
     @cached_property
     def _seen(self) -> tuple[Index, Array]:

@@ -30,8 +30,8 @@ from urllib.error import URLError
 from urllib.parse import unquote, urlsplit
 from urllib.request import HTTPRedirectHandler, Request, build_opener
 
-from ..errors import AdjustmentError, InputError, Problem, known
-from ..io.csv_tables import FieldRow
+from ..errors import AdjustmentError, InputError, Problem
+from ..io.csv_tables import row_of_table
 from .database import Database, DatabaseAway
 
 WATCH_SECONDS = 0.5
@@ -77,20 +77,22 @@ def read_mail_server(table: object, where: str) -> MailServer | None:
     if table is None:
         return None
     problems: list[Problem] = []
-    row = FieldRow(table if isinstance(table, dict) else {}, f"{where}: [smtp]", problems)
+    row = row_of_table(table, "smtp", where, problems)
+    if row is None:
+        raise InputError(problems)
     host = row.text("host", required=True) or ""
     security = row.choice("security", SECURITY, "starttls")
-    port, sender = row.number("port", positive=True), row.text("sender", required=True) or ""
+    port = row.whole("port", least=1, most=65535)
+    sender = row.text("sender", required=True) or ""
     user, password = row.text("user", default="") or "", row.text("password_env", default="") or ""
-    if "password" in row:
+    if row.fields.pop("password", None) is not None:
         row.wrong("a password does not belong into a file that is shown: state password_env")
-    for name in row.left():
-        if name != "password":
-            valid = known(sorted(row.taken), meant=name, most=20)
-            row.wrong(f"unknown key {name!r}; known: {valid}")
+    elif bool(user) != bool(password):
+        row.wrong("user and password_env, the variable with the password, belong together")
+    row.refuse_left()
     if problems:
         raise InputError(problems)
-    at = PORTS[security] if port is None else int(port)
+    at = PORTS[security] if port is None else port
     return MailServer(host, at, security, sender, user, password)
 
 

@@ -8,6 +8,7 @@
     k = 2                            # in k of the last n epochs
     n = 3
     false_alarms_per_month = 0.1
+    after = "30 min"                 # of silence: time without a line, also a number of seconds
     notify = ["mailto:chief@example.org", "https://example.org/hook", "mqtt://127.0.0.1/alarms"]
 
 The other keys are those of `factorgraph_adj.monitoring.alarm_rules.AlarmRule`.
@@ -15,16 +16,34 @@ The other keys are those of `factorgraph_adj.monitoring.alarm_rules.AlarmRule`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
-from urllib.parse import urlsplit
+from functools import partial
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
 
-from ..errors import InputError, Problem, known
+from ..errors import InputError, Problem, known, similar
+from ..instruments.instrument_settings import (
+    duration,
+    refuse_names_twice,
+    refuse_other_networks,
+)
+from ..instruments.mqtt import mqtt_address
+from ..io.csv_tables import FieldRow, rows_of_tables
 from ..monitoring.alarm_rules import AlarmRule, matches
 
-SCHEMES = ("mailto", "http", "https", "mqtt", "mqtts")
-"""Schemes of addresses that are told of alarms."""
+ADDRESSES = {
+    "mailto": "mailto:NAME@HOST",
+    "http": "http://HOST/PATH",
+    "https": "https://HOST/PATH",
+    "mqtt": "mqtt://HOST/TOPIC",
+    "mqtts": "mqtts://HOST/TOPIC",
+}
+"""Forms of the addresses that are told of alarms, by scheme."""
+SILENCE = "silence"
+"""Test of a rule that watches instruments."""
+_MAIL = re.compile(r"[^@\s,]+@[^@\s,]+(,[^@\s,]+@[^@\s,]+)*")
 DEFAULT_SILENCE = 1800.0
 """Time without a line after which an instrument is silent, seconds."""
 
@@ -57,85 +76,106 @@ class SiteAlarm:
     """Addresses that are told."""
 
 
-def read_alarms(tables: object, *, where: str, networks: Sequence[str]) -> list[SiteAlarm]:
+def read_alarms(
+    tables: object,
+    *,
+    where: str,
+    networks: Sequence[str],
+    instruments: Sequence[str] = (),
+    folder: Path = Path(),
+    mail: bool = True,
+) -> list[SiteAlarm]:
     """Return the alarms of a site file.
 
     Args:
         tables: value of ``alarm`` in the document.
         where: name of the file.
         networks: names of the networks of the site.
+        instruments: names of the instruments of the site.
+        folder: folder of the site file, for files with passwords.
+        mail: whether the site file has a mail server.
 
     Raises:
         InputError: all problems of all tables.
     """
-    if tables is None:
-        return []
-    if not isinstance(tables, list) or not all(isinstance(t, dict) for t in tables):
-        raise InputError(Problem("alarms must be tables [[alarm]]", where))
-    out: list[SiteAlarm] = []
     problems: list[Problem] = []
-    for number, table in enumerate(tables, 1):
-        place = f"{where}: [[alarm]] {table.get('name', number)!r}"
-        try:
-            out.append(_alarm(table, networks))
-        except InputError as error:
-            problems += [Problem(p.what, place) for p in error.problems]
-    names = [a.rule.name for a in out]
-    problems += [
-        Problem(f"two alarms have the name {name!r}", where)
-        for name in sorted({n for n in names if names.count(n) > 1})
-    ]
+    rows = rows_of_tables(tables, "alarm", where, problems)
+    out = []
+    for row in rows:
+        silence = row.fields.get("test") == SILENCE
+        network = _network(row, networks, needed=not silence)
+        notify = row.texts("notify", "addresses", '["mailto:chief@example.org"]') or ()
+        for address in notify:
+            row.made(partial(_check_address, address, folder, mail), "notify: ")
+        rule = _silence(row, instruments) if silence else AlarmRule.of_row(row, (SILENCE,))
+        row.refuse_left()
+        if rule is not None:
+            out.append(SiteAlarm(rule, network, notify))
+    refuse_names_twice(rows)
     if problems:
         raise InputError(problems)
     return out
 
 
-def _alarm(table: Mapping[str, Any], networks: Sequence[str]) -> SiteAlarm:
-    """Return one alarm."""
-    record = dict(table)
-    problems: list[Problem] = []
-    network = record.pop("network", networks[0] if len(networks) == 1 else "")
-    silence = record.get("test") == "silence"
-    if network not in networks and not (silence and network == ""):
-        problems.append(Problem(f"no network {network!r}; known: {known(networks)}"))
-    notify = record.pop("notify", [])
-    if not isinstance(notify, list) or not all(isinstance(a, str) for a in notify):
-        problems.append(Problem('notify must be a list of addresses, such as ["mailto:a@b.org"]'))
-        notify = []
-    for address in notify:
-        try:
-            parts = urlsplit(address)
-        except ValueError:
-            parts = urlsplit("")
-        if parts.scheme not in SCHEMES or not (parts.netloc or parts.path):
-            what = f"{address!r} is no address of {', '.join(SCHEMES)}"
-            problems.append(Problem(what))
-    rule: AlarmRule | SilenceRule | None = None
+def _network(row: FieldRow, networks: Sequence[str], *, needed: bool) -> str:
+    """Return the network of an alarm; the only one of the site need not be stated."""
+    only = networks[0] if len(set(networks)) == 1 else ""
+    name = row.text("network", default=only) or ""
+    if name:
+        refuse_other_networks(row, name, networks)
+    elif needed and networks and "network" not in row:
+        row.wrong(f"network is missing; known: {known(dict.fromkeys(networks))}")
+    return name
+
+
+def _check_address(address: str, folder: Path, mail: bool) -> None:
+    """Check an address that is told of alarms.
+
+    Raises:
+        InputError: what is wrong with it.
+    """
+    scheme, colon, rest = address.partition(":")
+    if not colon or scheme not in ADDRESSES:
+        valid = ", ".join(dict.fromkeys(ADDRESSES.values()))
+        plain = f"mailto:{address}" if _MAIL.fullmatch(address) else ""
+        meant = f"; did you mean {plain!r}?" if plain else similar(scheme, ADDRESSES)
+        raise InputError(f"{address!r} is no address; valid: {valid}{meant}")
     try:
-        rule = _silence(record) if silence else AlarmRule.of_record(record)
-    except InputError as error:
-        problems += error.problems
-    if problems or rule is None:
-        raise InputError(problems)
-    return SiteAlarm(rule, str(network), tuple(notify))
+        parts = urlsplit(address)
+        host = parts.hostname if parts.port != 0 else None
+    except ValueError:
+        host = None
+    if scheme == "mailto" and not _MAIL.fullmatch(unquote(rest)):
+        raise InputError(f"{address!r} is no address of e-mail; valid: {ADDRESSES[scheme]}")
+    if scheme == "mailto" and not mail:
+        raise InputError(
+            f"{address!r} needs a mail server, which the file does not have: write a table [smtp] "
+            "with host and sender"
+        )
+    if scheme in ("http", "https") and not host:
+        raise InputError(f"{address!r} is no address; valid: {ADDRESSES[scheme]}")
+    if scheme in ("mqtt", "mqtts"):
+        topics = mqtt_address(address, folder).topics
+        if wild := [t for t in topics if "+" in t or "#" in t]:
+            raise InputError(f"{wild[0]!r} is no topic of a message: + and # are for subscriptions")
 
 
-def _silence(record: Mapping[str, Any]) -> SilenceRule:
-    """Return a rule about silent instruments."""
-    keys = ("name", "test", "points", "after")
-    problems = [
-        Problem(f"unknown field {k!r}; valid: {known(keys, meant=k)}")
-        for k in record
-        if k not in keys
-    ]
-    name, points = record.get("name"), record.get("points", ["*"])
-    after = record.get("after", DEFAULT_SILENCE)
-    if not isinstance(name, str) or not name:
-        problems.append(Problem("has no name"))
-    if not isinstance(points, list) or not all(isinstance(p, str) for p in points):
-        problems.append(Problem("points must be a list of names of instruments"))
-    if isinstance(after, bool) or not isinstance(after, int | float) or not after > 0:
-        problems.append(Problem(f"after must be a positive number of seconds, not {after!r}"))
-    if problems:
-        raise InputError(problems)
-    return SilenceRule(str(name), tuple(points), float(after))
+def _silence(row: FieldRow, instruments: Sequence[str]) -> SilenceRule | None:
+    """Return a rule about silent instruments; None after problems, which are noted."""
+    name, _ = row.text("name", required=True), row.take("test")
+    stated = row.texts("points", "names or patterns of instruments", '["ts*"]')
+    for pattern in stated or ():
+        if not any(matches(own, (pattern,)) for own in instruments):
+            listed = known(instruments, meant=pattern)
+            row.wrong(f"points: there is no instrument {pattern!r}; known: {listed}")
+    after = DEFAULT_SILENCE
+    if (text := row.take("after")) is not None:
+        try:
+            after = duration(text)
+            if after <= 0.0:
+                row.wrong(f"after must be greater than zero, not {text!r}")
+        except ValueError as error:
+            row.wrong(f"after {error}")
+    if row.failed or name is None:
+        return None
+    return SilenceRule(name, ("*",) if stated is None else stated, after)

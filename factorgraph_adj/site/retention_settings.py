@@ -15,13 +15,15 @@ the file does not become smaller.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 from ..errors import InputError, Problem
 from ..instruments.instrument_settings import duration
-from ..io.csv_tables import FieldRow
+from ..io.csv_tables import FieldRow, row_of_table
 
 DAY_S = 86400.0
+FOR_EVER = "for ever"
+"""What is stated for things that are kept without end."""
 
 
 @dataclass(frozen=True)
@@ -45,23 +47,27 @@ def read_retention(table: object, where: str) -> RetentionSettings:
     if table is None:
         return RetentionSettings()
     problems: list[Problem] = []
-    row = FieldRow(table if isinstance(table, dict) else {}, f"{where}: [retention]", problems)
-    if not isinstance(table, dict):
-        row.wrong("retention must be a table")
-    found: dict[str, float | None] = {}
-    for name in ("journals", "answers", "events"):
-        given = row.take(name)
-        if given is None:
-            continue
-        if given == "for ever":
-            found[name] = None
-            continue
-        try:
-            found[name] = duration(given)
-        except ValueError as error:
-            row.wrong(f'{name} {error}, or "for ever"')
-    for name in row.left():
-        row.wrong(f"unknown key {name!r}; valid: journals, answers, events")
+    row = row_of_table(table, "retention", where, problems)
+    if row is None:
+        raise InputError(problems)
+    found = {
+        f.name: None if given == FOR_EVER else _time(row, f.name, given)
+        for f in fields(RetentionSettings)
+        if (given := row.take(f.name)) is not None
+    }
+    row.refuse_left()
     if problems:
         raise InputError(problems)
     return RetentionSettings(**found)
+
+
+def _time(row: FieldRow, name: str, given: object) -> float | None:
+    """Return seconds; None after a problem, which is noted."""
+    try:
+        found = duration(given)
+    except ValueError as error:
+        row.wrong(f"{name} {error}; {FOR_EVER!r} is valid, too")
+        return None
+    if found <= 0.0:
+        row.wrong(f"{name} must be greater than zero, not {given!r}")
+    return found

@@ -9,8 +9,12 @@ from pathlib import Path
 from typing import Any, TypeVar, cast, get_args
 
 from ..errors import InputError, Problem, known
-from ..instruments.instrument_settings import InstrumentSettings, read_instruments
-from ..io.csv_tables import FieldRow
+from ..instruments.instrument_settings import (
+    InstrumentSettings,
+    read_instruments,
+    refuse_names_twice,
+)
+from ..io.csv_tables import FieldRow, row_of_table, rows_of_tables
 from ..io.text_files import read_toml
 from ..ledger.verdicts import Policy
 from ..statistical_tests import POWER_OF_TEST
@@ -100,20 +104,18 @@ def read_site(path: str | Path) -> SiteSettings:
     problems: list[Problem] = []
     top = FieldRow(document, path.name, problems)
     for key in (k for k in document if k not in SITE_KEYS):
-        top.wrong(f"unknown key {key!r}; known: {known(SITE_KEYS, meant=key, most=20)}")
-    given = document.get("site", {})
-    site = FieldRow(given if isinstance(given, dict) else {}, f"{path.name}: [site]", problems)
-    name = site.text("name", default=path.resolve().parent.name, title=True) or ""
-    database = site.text("database", default=DATABASE_FILE) or DATABASE_FILE
-    site_left(site)
-    networks = [
-        _network(FieldRow(record, f"{path.name}: [[network]] {n}", problems), path.parent)
-        for n, record in enumerate(_records(document, "network", path.name, problems), 1)
-    ]
-    names = [n.name for n in networks]
-    for twice in sorted({n for n in names if names.count(n) > 1}):
-        top.wrong(f"two networks have the name {twice!r}")
-    if not networks and not problems:
+        top.wrong(f"unknown table {key!r}; valid: {known(SITE_KEYS, meant=key, most=20)}")
+    name, database = path.resolve().parent.name, DATABASE_FILE
+    site = row_of_table(document.get("site", {}), "site", path.name, problems)
+    if site is not None:
+        name = site.text("name", default=name, title=True) or ""
+        database = site.text("database", default=database) or DATABASE_FILE
+        site.refuse_left()
+    rows = rows_of_tables(document.get("network"), "network", path.name, problems)
+    networks = [_network(row, path.parent) for row in rows]
+    names = [n.name for n in networks if n.name]
+    refuse_names_twice(rows)
+    if "network" not in document or document["network"] == []:
         top.wrong("no [[network]]: state at least one, with name and project")
 
     def read(key: str, reader: Callable[[object], Found], default: Found) -> Found:
@@ -121,7 +123,7 @@ def read_site(path: str | Path) -> SiteSettings:
         try:
             return reader(document.get(key))
         except InputError as error:
-            problems.extend(error.problems)
+            problems.extend(error.noted)
             return default
 
     where, folder = path.name, path.parent
@@ -132,11 +134,23 @@ def read_site(path: str | Path) -> SiteSettings:
         lambda t: read_instruments(t, where=where, folder=folder, networks=names),
         no_instruments,
     )
-    alarms = read("alarm", lambda t: read_alarms(t, where=where, networks=names), no_alarms)
+    watched = [str(t["name"]) for t in _tables(document, "instrument") if "name" in t]
+    alarms = read(
+        "alarm",
+        lambda t: read_alarms(
+            t,
+            where=where,
+            networks=names,
+            instruments=watched,
+            folder=folder,
+            mail="smtp" in document,
+        ),
+        no_alarms,
+    )
     server = read("smtp", lambda t: read_mail_server(t, where), None)
     retention = read("retention", lambda t: read_retention(t, where), RetentionSettings())
     if problems:
-        raise InputError([places.placed(p) for p in problems])
+        raise InputError(places.in_order(problems))
     if "://" not in database:
         database = str(folder / database)
     return SiteSettings(
@@ -160,15 +174,10 @@ def _site_of_project(path: Path) -> SiteSettings:
     return SiteSettings(name.stem, path, str(folder / DATABASE_FILE), (network,))
 
 
-def _records(
-    document: Mapping[str, Any], key: str, name: str, problems: list[Problem]
-) -> list[dict[str, Any]]:
-    """Return the tables of a list of tables."""
-    given = document.get(key, [])
-    if not isinstance(given, list) or not all(isinstance(r, dict) for r in given):
-        problems.append(Problem(f"{key} must be tables [[{key}]]", name))
-        return []
-    return given
+def _tables(document: Mapping[str, Any], key: str) -> list[dict[str, Any]]:
+    """Return the tables of a list of tables, whatever is wrong with them."""
+    given = document.get(key)
+    return [t for t in given if isinstance(t, dict)] if isinstance(given, list) else []
 
 
 def _network(row: FieldRow, folder: Path) -> NetworkSettings:
@@ -192,30 +201,14 @@ def _network(row: FieldRow, folder: Path) -> NetworkSettings:
         epochs = EpochSchedule.of(row.text("epochs", default="by hand") or "by hand")
     except InputError as error:
         row.wrong_all(error)
-    reference, keep = row.number("reference"), row.number("keep_seconds", positive=True)
-    if reference is not None and (reference < 0 or not float(reference).is_integer()):
-        row.wrong(f"reference {reference:g} is no number of an epoch: 0, 1, 2 …")
-    several = row.number("reference_epochs", positive=True)
-    if several is not None and not float(several).is_integer():
-        row.wrong(f"reference_epochs {several:g} is no number of epochs: 1, 2, 3 …")
-    objects = row.take("objects")
-    if objects is not None and not (
-        isinstance(objects, list) and all(isinstance(o, str) and o for o in objects)
-    ):
-        row.wrong('objects must be a list of names or patterns, such as ["D*"]')
-        objects = None
-    site_left(row)
+    reference, keep = row.whole("reference"), row.number("keep_seconds", positive=True)
+    several = row.whole("reference_epochs", least=1)
+    objects = row.texts("objects", "names or patterns of points", '["D*", "E1"]')
+    row.refuse_left()
     return NetworkSettings(
         *(name, path, cast(Policy, policy), alpha, power, epochs),
-        None if reference is None else int(reference),
-        tuple(cast(list[str], objects or ())),
+        reference,
+        objects or (),
         keep,
-        1 if several is None else int(several),
+        several or 1,
     )
-
-
-def site_left(row: FieldRow) -> None:
-    """Note the fields of a table that nothing has read."""
-    for name in row.left():
-        valid = known(sorted(row.taken), meant=name, most=20)
-        row.wrong(f"unknown key {name!r}; known: {valid}")

@@ -67,6 +67,7 @@ def test_all_problems_are_told_with_their_lines():
         22: "refraction is of the network",
         24: "wavelength_nm must be from 400 to 1600 nm",
         25: "reference_index must be such as",
+        26: "sensor: there is no instrument 'air'; known: ts1, ts2",
         27: "unknown key 'humidity'",
     }
     for line, what in wanted.items():

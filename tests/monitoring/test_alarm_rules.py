@@ -108,7 +108,15 @@ def test_rules_of_records():
         ({"false_alarms_per_month": 0}, "false_alarms_per_month must be positive"),
         ({"power": 1.0}, "power must lie between"),
         ({"size_mm": -1}, "size_mm must be at least 0"),
-        ({"kk": 2}, "unknown field 'kk'"),
+        ({"kk": 2}, "unknown key 'kk'; valid: allowance, .*test"),
+        ({"n": "three"}, "n must be a whole number from 1 to 12, not 'three'"),
+        ({"clear_after": 1.5}, "clear_after must be a whole number from 1, not 1.5"),
+        ({"k": [1]}, r"k must be a whole number from 1 to 12, not \[1\]"),
+        ({"release": "low"}, "release: 'low' is not a number"),
+        ({"release": 2}, "release must be greater than 0 and at most 1"),
+        ({"size_mm": [3]}, "size_mm: "),
+        ({"points": [1]}, "points must be a list"),
+        ({"points": []}, "points must be a list"),
         ({"test": "cusum", "k": 2, "n": 3}, "a cusum sums over epochs itself"),
         ({"test": "cusum", "allowance": 0}, "allowance must be positive"),
     ],
@@ -118,8 +126,18 @@ def test_wrong_records_are_refused_with_their_name(change, message):
         AlarmRule.of_record({"name": "crest"} | change)
 
 
+def test_all_mistakes_of_a_record_are_told_at_once():
+    record = {"name": "crest", "test": "displacment", "n": "three", "k": 2, "release": 0, "kk": 1}
+    with pytest.raises(InputError) as error:
+        AlarmRule.of_record(record)
+    said = [p.what for p in error.value.problems]
+    assert len(said) == 4, said  # none about k of n: n is not known
+    for word in ("did you mean 'displacement'", "n must be", "release must be", "unknown key 'kk'"):
+        assert any(word in what for what in said), (word, said)
+
+
 def test_a_rule_has_a_name_of_its_own():
-    with pytest.raises(InputError, match="has no name"):
+    with pytest.raises(InputError, match="name is missing"):
         AlarmRule.of_record({"points": ["D1"]})
     with pytest.raises(InputError, match="alarm 'a': is the name of several rules"):
         rules_named_once([AlarmRule("a"), AlarmRule("b"), AlarmRule("a")])
