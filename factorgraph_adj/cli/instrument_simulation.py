@@ -80,9 +80,8 @@ def add_simulate_instrument(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--interval", type=_duration, default=600.0, metavar="TIME", help="from set to set (10 min)"
     )
-    parser.add_argument(
-        "--sight-time", type=_duration, default=8.0, metavar="TIME", help="from sight to sight (8 s)"
-    )
+    sight = parser.add_argument("--sight-time", type=_duration, default=8.0, metavar="TIME")
+    sight.help = "from sight to sight (8 s)"
     parser.add_argument("--sets", type=int, metavar="N", help="end after so many sets")
     parser.add_argument("--seed", type=int, default=0, help="seed of noise and damage (0)")
     parser.add_argument("--gsi", type=int, choices=GSI_SIZES, default=16, help="format (16)")

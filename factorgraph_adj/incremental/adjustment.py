@@ -189,6 +189,11 @@ class IncrementalAdjustment(SightQueries):
         """What is kept: a number of photos, or of seconds; None: everything."""
         return self._rules.keep if self._rules.keep_seconds is None else self._rules.keep_seconds
 
+    @property
+    def latest_time(self) -> float | None:
+        """Time of the latest arrival with a time, seconds; None: none had one."""
+        return self._state.ledger.time
+
     def _changed(
         self,
         do: str,

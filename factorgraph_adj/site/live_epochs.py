@@ -49,6 +49,17 @@ class LiveEpoch:
         names = ("number", "begin", "end", "state", "revision")
         return {name: getattr(self, name) for name in names}
 
+    def arrival_time(self, time: float) -> float:
+        """Return the time of an arrival with readings of a time, for the retirement window.
+
+        The window never goes back: readings that come late count as those that came last.
+
+        Args:
+            time: when the readings were measured, seconds UTC.
+        """
+        latest = self.stream.adjustment.latest_time
+        return time if latest is None else max(time, latest)
+
 
 class LiveEpochs:
     """The epochs of one network."""

@@ -319,12 +319,12 @@ class LiveNetwork:
             return [{"line": line, "ok": True, **epoch.summary(), "result": result}]
         there = {row["number"] for row in self._epochs.rows()}
         epoch = self._epochs.present if do in QUERIES else self._epoch_at(time)
-        keeps = self.settings.keep_seconds is not None
+        at = None if self.settings.keep_seconds is None else epoch.arrival_time(time)
         if lot[0].is_reading:
             records = [posting.record for posting in lot]
-            told = epoch.stream.answer_together(records, line, time=time if keeps else None)
+            told = epoch.stream.answer_together(records, line, time=at)
         else:
-            record = lot[0].record | ({"time": time} if keeps and do == "add" else {})
+            record = lot[0].record | ({} if at is None or do != "add" else {"time": at})
             told = [epoch.stream.answer_record(record, line)]
         told = [answer | {"epoch": epoch.number} for answer in told]
         for posting, answer in zip(lot, told, strict=True):

@@ -12,7 +12,7 @@ from .database import Database, DatabaseAway
 from .live_network import LiveNetwork
 from .retention_settings import RetentionSettings
 
-FIRST_SECONDS, EVERY_SECONDS = 60.0, 3600.0
+FIRST_SECONDS, EVERY_SECONDS = 60.0, 600.0
 """Time until the first look, and between two looks, seconds."""
 ROWS_AT_ONCE = 1000
 """Rows that one transaction changes, so that writers wait for it only shortly."""

@@ -110,10 +110,12 @@ class Command:
 
 
 class Sender:
-    """One sender with its connection."""
+    """One sender with its connection; an empty token: the site needs none."""
 
     def __init__(self, port: int, token: str) -> None:
-        self.headers = {"Authorization": f"Bearer {token}", "Content-Type": "application/json"}
+        self.headers = {"Content-Type": "application/json"}
+        if token:
+            self.headers["Authorization"] = f"Bearer {token}"
         self.connection = http.client.HTTPConnection("127.0.0.1", port, timeout=300.0)
 
     def post(self, postings: list[dict]) -> tuple[int, float, object]:

@@ -17,7 +17,7 @@ from factorgraph_adj.service.stream import Stream
 from factorgraph_adj.site.database import DatabaseAway
 from factorgraph_adj.site.tables import epochs, journal, requests
 from tests.networks.yard import ARRIVALS, WRONG
-from tests.support.sites import readings, site_of, until, yard_of
+from tests.support.sites import readings, site_of, until, yard_of, yard_site
 
 pytestmark = pytest.mark.usefixtures("store")
 HOUR = 3600.0
@@ -253,6 +253,30 @@ def test_a_late_reading_opens_its_epoch_again(tmp_path):
         assert rows[1]["result"]["counts"]["observations"] == len(ARRIVALS) + 1
         with live.reading(1) as epoch:
             assert len(epoch.stream.adjustment) == len(ARRIVALS) + 1
+
+
+def test_late_readings_of_an_epoch_are_taken_though_sets_are_retired(tmp_path):
+    """Two instruments whose readings come in turn, one of them half an hour late."""
+    site_file = yard_site(tmp_path, epochs="1 h") / "site.toml"
+    text = site_file.read_text()
+    site_file.write_text(text.replace("objects", "keep_seconds = 600\nobjects", 1))
+    number, each = 10, 120.0
+    for begin in (0, number // 2):
+        with site_of(tmp_path) as site:
+            live = yard_of(site)
+            for n in range(begin, begin + number // 2):
+                on_time = readings(0, seed=n)
+                late = [r for r in readings(0, seed=100 + n) if r["kind"] != "direction"]
+                given = [{**r, "time": r["time"] + each * n + 1200.0} for r in on_time]
+                given += [{**r, "time": r["time"] + each * n - 600.0} for r in late]
+                directions = [{**r, "set": str(n)} for r in given if r["kind"] == "direction"]
+                others = [r for r in given if r["kind"] != "direction"]
+                answers = posted(live, *directions, *others)
+                assert all(a["ok"] for a in answers), answers
+            with live.reading() as epoch:
+                inc = epoch.stream.adjustment
+                assert (inc.retired is None) == (begin == 0)
+    assert len(inc.network().observations) + len(inc.rejected) == number * (8 + 6)
 
 
 def test_a_transaction_that_fails_changes_nothing(tmp_path):
