@@ -16,7 +16,7 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.ledger.command_input import ENGINES
-from factorgraph_adj.observations import ControlPoint, HeightDifference, SlopeDistance
+from factorgraph_adj.observations import ControlPoint, Direction, HeightDifference, SlopeDistance
 from factorgraph_adj.solve import marginalisation
 from tests.benchmarks.vehicle import Drive
 from tests.networks.moved_after_retirement import (
@@ -353,6 +353,19 @@ def test_a_journal_resumes_with_the_times_of_arrivals(tmp_path):
     assert again.determined("P11")
     again.settle(all=True)
     assert again.determined("P2")
+
+
+def test_a_journal_resumes_sets_between_given_points_that_were_retired(tmp_path):
+    """Nothing remains of them: their rows touch no other unknown."""
+    network = traverse(POINTS)
+    inc = fga.IncrementalAdjustment(network, keep_seconds=60.0, journal=tmp_path / "journal")
+    assert network.points["P0"].fixed and network.points["P1"].fixed
+    for number in range(6):
+        inc.add(Direction("P0", "P1", 0.0, sigma=1e-5, set=str(number)), time=30.0 * number)
+    assert inc.retired is not None
+    said = repr(inc)
+    again = fga.IncrementalAdjustment.resume(tmp_path / "journal")
+    assert repr(again) == said
 
 
 def test_times_of_arrivals_are_those_of_a_window_of_seconds():
