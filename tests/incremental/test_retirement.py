@@ -364,6 +364,7 @@ def test_a_journal_resumes_sets_between_given_points_that_were_retired(tmp_path)
         inc.add(Direction("P0", "P1", 0.0, sigma=1e-5, set=str(number)), time=30.0 * number)
     assert inc.retired is not None
     said = repr(inc)
+    del inc
     again = fga.IncrementalAdjustment.resume(tmp_path / "journal")
     assert repr(again) == said
 
