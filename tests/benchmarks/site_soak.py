@@ -3,12 +3,12 @@
 ``site_soak [--observations 1000000] [--hours 24]`` serves the yard as a process. Four senders post
 levelled differences, distances and now and then a set of directions, each reading with a request
 of its own, 50 in one HTTP request. Times of readings run through the hours: the site ends an epoch
-each hour and compares it, C sinks by 4 mm in the middle, one reading in 5 000 is wrong by 50 mm,
-sets are retired after 20 minutes, and journals, answers and events leave by stated rules. A client
-follows all events. Every 20 000 readings a line has memory and CPU time of the service, size of
-the database and latency. At the end every reading that was acknowledged is recorded once, and is in
-the epoch of its time or was dropped with its journal; the memory has its slope over the last three
-quarters. ``--minutes`` ends the sending earlier.
+each ten minutes and compares it, C sinks by 4 mm in the middle, one reading in 5 000 is wrong by
+50 mm, sets are retired after four minutes, and journals, answers and events leave by stated rules.
+A client follows all events. Every 20 000 readings a line has memory and CPU time of the service,
+size of the database and latency. At the end every reading that was acknowledged is recorded once,
+and is in the epoch of its time or was dropped with its journal; the memory has its slope over the
+last three quarters. ``--minutes`` ends the sending earlier.
 
 ``--real --minutes 60`` plays the demonstration of a dam in real time: ``simulate-instrument`` has
 three total stations on TCP ports, each with a set of 18 targets in two faces every 20 s, and faults
@@ -141,12 +141,14 @@ points = ["C"]
 false_alarms_per_month = 0.1
 
 [retention]
-journals = "6 h"
+journals = "2 h"
 answers = "10 min"
 events = "5 min"
 """
 """What the site file of the yard has besides."""
-KEEP_SECONDS = 1200.0
+EPOCH = 600.0
+"""Length of an epoch, seconds."""
+KEEP_SECONDS = 240.0
 """Time after which what nothing touches is retired, seconds."""
 READINGS = (
     ("height_difference", "A", 1.4996, 0.0005, -1.0),
@@ -160,7 +162,7 @@ DIRECTIONS = (("B", 0.0), ("C", 334.4035))
 """Targets of a set on A with their directions, gon."""
 SENDERS, TOGETHER = 4, 50
 """Number of senders, and readings in one request."""
-LISTS_FROM_SET_TO_SET = 100
+LISTS_FROM_SET_TO_SET = 60
 SINKING, WRONG, READINGS_FOR_ONE_WRONG = 0.004, 0.05, 5000
 """By how much C sinks, and by how much one of so many readings is wrong, metres."""
 
@@ -235,7 +237,7 @@ class Soak:
 
     def run(self, folder: Path, *, minutes: float, every: int) -> None:
         """Serve the yard, send, and print lines."""
-        yard_site(folder, epochs="1 h", more=TABLES)
+        yard_site(folder, epochs=f"{EPOCH:g} s", more=TABLES)
         text = (folder / "site.toml").read_text()
         text = text.replace("objects =", f"keep_seconds = {KEEP_SECONDS}\nobjects =", 1)
         (folder / "site.toml").write_text(text)
@@ -287,15 +289,15 @@ class Soak:
         with sqlite3.connect(folder / "site.sqlite") as connection:
             recorded = [r[0] for r in connection.execute("SELECT request FROM requests")]
         assert len(recorded) == len(sent) and set(recorded) == sent
-        hours = {
-            n: int((self.time(n) - BEGIN) // HOUR) + 1 for n in np.flatnonzero(self.acknowledged)
+        numbers = {
+            n: int((self.time(n) - BEGIN) // EPOCH) + 1 for n in np.flatnonzero(self.acknowledged)
         }
         dropped, whole = 0, 0
         with site_of(folder) as site:
             live = yard_of(site)
             for row in live.epochs(results=True):
                 number = row["number"]
-                own = {f"k{n}" for n, hour in hours.items() if hour == number}
+                own = {f"k{n}" for n, k in numbers.items() if k == number}
                 counts = row["result"]["counts"]
                 there = sum(counts[state] for state in STATES)
                 if row["state"] == "dropped":
