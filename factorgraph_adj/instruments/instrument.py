@@ -232,8 +232,18 @@ class Instrument:
                 self.health.tell("doubtful_faces", str(doubt), found.time)
             remark = "; ".join(str(d) for d in found.doubts)
             of = found.of
-            out.append(self._posting(found.observations, found.time, of.stamped, of.lines, remark))
+            posting = self._posting(found.observations, found.time, of.stamped, of.lines, remark)
+            out.append(replace(posting, measured=self._measured(found)))
         return out
+
+    def _measured(self, found: FormedSet) -> dict[str, Any] | None:
+        """Return when a set was measured; None: its sights are posted one by one."""
+        s, (begin, end) = self.settings, found.period
+        if s.post == "sights":
+            return None
+        if s.clock == "instrument":  # two sets may come closer by what the clock is uncertain
+            end = max(begin, end - s.clock_tolerance)
+        return {"instrument": s.name, "begin": begin, "end": end, "round": found.round}
 
     def _posting(
         self,

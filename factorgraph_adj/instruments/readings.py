@@ -128,3 +128,6 @@ class Posting:
     the first reading, digest of all its lines."""
     lines: tuple[int, ...] = field(default=(), compare=False)
     """Numbers of the lines of which it was made."""
+    measured: dict[str, Any] | None = field(default=None, compare=False)
+    """Instrument, begin, end and round of a set, see `factorgraph_adj.site.measured_sets`; None:
+    it is no set."""

@@ -59,6 +59,10 @@ class FormedSet:
     doubts: tuple[Problem, ...]
     """Targets whose faces do not agree."""
     of: ReadingSet
+    period: tuple[float, float]
+    """First and last sight of its pass, seconds since 1970 UTC; the pass after it begins later."""
+    round: int
+    """Number of its round in the pass, from 1."""
 
     @property
     def time(self) -> float:
@@ -154,8 +158,11 @@ class SetFormation:
 
     def finish(self) -> Iterator[FormedSet]:
         """Yield all sets that are open."""
-        for n in sorted(self.sets):
-            yield from self._take(n)
+        while self.sets:
+            self._base += (
+                (min(self.sets) - self._base) // self.settings.readings * (self.settings.readings)
+            )
+            yield from self._take_pass()
 
     # -- rounds -----------------------------------------------------------------------------------
 
@@ -218,13 +225,25 @@ class SetFormation:
 
     def _take_pass(self) -> Iterator[FormedSet]:
         """Yield the sets of the present pass, and begin the next one."""
-        numbers = [n for n in self._pass if n in self.sets]
+        base = self._base
+        taken = {n: self.sets[n] for n in self._pass if n in self.sets}
         self._base += self.settings.readings
-        for n in numbers:
-            yield from self._take(n)
+        begin = min((s.first for s in taken.values()), default=0.0)
+        next_begin = min(
+            (s.first for n, s in self.sets.items() if n not in taken), default=math.inf
+        )
+        end = min(max((s.last for s in taken.values()), default=0.0), max(begin, next_begin))
+        for n in taken:
+            yield from self._take(n, (begin, end), n - base + 1)
 
-    def _take(self, number: int) -> Iterator[FormedSet]:
-        """Yield the observations of a set, and end it with those before."""
+    def _take(self, number: int, period: tuple[float, float], of_pass: int) -> Iterator[FormedSet]:
+        """Yield the observations of a set, and end it with those before.
+
+        Args:
+            number: its number.
+            period: first and last sight of its pass.
+            of_pass: number of its round in the pass.
+        """
         of = self.sets.pop(number)
         book = self._book_of_set_up()
         reduced = book.take_set(number)
@@ -243,7 +262,8 @@ class SetFormation:
         name = f"{self.settings.name} {iso(begin)}"
         if found:
             doubts = reduced.doubts if reduced is not None else ()
-            yield FormedSet(tuple(self._named(o, name) for o in found), doubts, of)
+            named = tuple(self._named(o, name) for o in found)
+            yield FormedSet(named, doubts, of, period, of_pass)
 
     def _named(self, o: Observation, name: str) -> Observation:
         """Return an observation with its set, and names of the network that are stated."""

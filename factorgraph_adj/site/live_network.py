@@ -35,6 +35,7 @@ from .alarm_tables import SiteAlarm
 from .database import Database, DatabaseAway
 from .epoch_results import epoch_result, record_result
 from .live_epochs import LiveEpoch, LiveEpochs
+from .measured_sets import refuse_measured_twice
 from .network_clock import NetworkClock
 from .posting_transactions import Batch, Task
 from .postings import QUERIES, OtherRequest, Posting, named_ids, recorded_requests, repeated_answer
@@ -317,6 +318,8 @@ class LiveNetwork:
             result = self._close(epoch, batch)
             batch.actions.append(task.action(do, {"epoch": epoch.number}))
             return [{"line": line, "ok": True, **epoch.summary(), "result": result}]
+        if lot[0].measured is not None:
+            refuse_measured_twice(self._database, self.id, lot[0].measured, batch.sets)
         there = {row["number"] for row in self._epochs.rows()}
         epoch = self._epochs.present if do in QUERIES else self._epoch_at(time)
         at = None if self.settings.keep_seconds is None else epoch.arrival_time(time)
@@ -348,6 +351,8 @@ class LiveNetwork:
                 row = {"network": self.id, "request": posting.request, "digest": posting.digest}
                 row |= {"at": task.received, "answer": json.dumps(answer)}
                 batch.requests.append(row)
+            if posting.measured is not None:
+                batch.sets.append(posting.measured.row(self.id, epoch.number))
             self.clock.posted(time)
             named = named_ids(task.record)
             batch.events.append(("arrival", about | {"do": do} | named | answer))

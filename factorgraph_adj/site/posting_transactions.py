@@ -42,6 +42,8 @@ class Batch:
     """Postings with the answers that they get after it."""
     requests: list[dict[str, Any]] = field(default_factory=list)
     """Rows of requests."""
+    sets: list[dict[str, Any]] = field(default_factory=list)
+    """Rows of sets of instruments."""
     events: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
     """Kinds and data of events, in order."""
     actions: list[dict[str, Any]] = field(default_factory=list)
@@ -68,7 +70,7 @@ class Batch:
         """
         from sqlalchemy import insert
 
-        from .tables import actions, events, journal, requests
+        from .tables import actions, events, journal, measured_sets, requests
 
         if lines:
             connection.execute(insert(journal), lines)
@@ -79,7 +81,10 @@ class Batch:
             {"network": network, "at": at, "kind": kind, "data": json.dumps(data)}
             for kind, data in self.events
         ]
-        inserts = ((requests, self.requests), (events, happened), (actions, self.actions))
+        inserts = (
+            *((requests, self.requests), (measured_sets, self.sets)),
+            *((events, happened), (actions, self.actions)),
+        )
         for table, rows in inserts:
             if rows:
                 connection.execute(insert(table), rows)

@@ -12,6 +12,7 @@ from typing import Any
 from ..errors import AdjustmentError, InputError, Problem
 from ..service.answers import Answer
 from .database import Database
+from .measured_sets import MeasuredSet
 from .posting_transactions import Task
 
 MAX_LETTERS_OF_REQUEST = 200
@@ -51,6 +52,8 @@ class Posting:
     """Its request; empty: none."""
     digest: str
     """Digest of all its fields."""
+    measured: MeasuredSet | None = None
+    """The set of an instrument that it is; None: it says nothing of one."""
 
     @classmethod
     def of(cls, task: Task, latest: float) -> Posting:
@@ -61,7 +64,7 @@ class Posting:
             latest: time of the latest posting of the network, seconds UTC.
 
         Raises:
-            InputError: a bad time or request, or an unknown command.
+            InputError: a bad time, request or set, or an unknown command.
         """
         record, do = dict(task.record), task.record.get("do", "add")
         if do == "close epoch":
@@ -70,7 +73,7 @@ class Posting:
         digest = hashlib.sha256(json.dumps(task.record, sort_keys=True).encode()).hexdigest()
         if not isinstance(do, str) or do not in COMMANDS_THAT_CHANGE | QUERIES:
             raise InputError(Problem(f"{do!r} is no command of the service", "do"))
-        return cls(task, record, do, time, request, digest)
+        return cls(task, record, do, time, request, digest, MeasuredSet.of(record))
 
     @property
     def is_reading(self) -> bool:
@@ -85,11 +88,14 @@ class Posting:
     def joins(self, lot: Mapping[str | int, Posting]) -> bool:
         """Return whether it can arrive together with others: all are readings, no request twice.
 
+        Sets of instruments arrive one by one: one may exclude the next.
+
         Args:
             lot: the others by their keys.
         """
-        readings = self.is_reading and next(iter(lot.values())).is_reading
-        return readings and self.key not in lot
+        first = next(iter(lot.values()))
+        alone = self.measured is not None or first.measured is not None
+        return self.is_reading and first.is_reading and not alone and self.key not in lot
 
 
 def posting_time(record: dict[str, Any], latest: float, received: float) -> float:

@@ -109,6 +109,8 @@ class SiteInstruments:
             ConnectionError: the database is away, or too much waits: it is tried again.
         """
         record = {**posting.record, "time": posting.time, "request": posting.request}
+        if posting.measured is not None:
+            record["measured"] = posting.measured
         try:
             found = self._networks[posting.network].submit(record, instrument.settings.name)
             answer = found.result(POSTED_SECONDS)

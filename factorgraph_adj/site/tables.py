@@ -21,7 +21,7 @@ from sqlalchemy import (
     UniqueConstraint,
 )
 
-REVISION = "0001"
+REVISION = "0002"
 """Revision of these tables: that of the newest migration."""
 MAX_LETTERS_OF_NAME = 200
 """Largest number of characters of names and of requests."""
@@ -88,6 +88,21 @@ requests = Table(
     Index("ix_requests_at", "at"),
 )
 """What was asked and answered, so that a repeated request changes nothing."""
+
+measured_sets = Table(
+    "measured_sets",
+    metadata,
+    Column("id", Number, primary_key=True),
+    Column("network", Number, ForeignKey("networks.id"), nullable=False),
+    Column("epoch", Integer, nullable=False),
+    Column("instrument", Name, nullable=False),
+    Column("begin", Float(53), nullable=False),
+    Column("end", Float(53), nullable=False),
+    Column("round", Integer, nullable=False),
+    Index("ix_measured_sets_end", "network", "instrument", "end"),
+    Index("ix_measured_sets_epoch", "network", "epoch"),
+)
+"""Sets of instruments: when each was measured, and the number of its epoch."""
 
 events = Table(
     "events",
