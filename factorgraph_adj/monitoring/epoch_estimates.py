@@ -79,7 +79,8 @@ class EpochEstimate:
                 lacks are left out.
 
         Raises:
-            InputError: the adjustment did not converge, or none of the points is in it.
+            InputError: the adjustment did not converge, or none of the points is in it, or none is
+                free.
         """
         if not solution.converged:
             raise InputError(
@@ -95,6 +96,9 @@ class EpochEstimate:
                 Problem(f"has none of the points; it has {known(places.names)}", f"epoch {number}")
             )
         free = places.free[at]
+        if not free.any():
+            what = "determines no point: all coordinates that it has are given"
+            raise InputError(Problem(what, f"epoch {number}"))
         rows = (3 * at[:, None] + np.arange(3))[free]
         return cls(
             number,
@@ -175,7 +179,8 @@ class EpochEstimate:
         upper = np.triu_indices(k)
         try:
             cofactors[upper] = unpacked(record["cofactors"], len(upper[0]), digits=ALL_DIGITS)
-            motions = unpacked(record["motions"], -1, digits=ALL_DIGITS).reshape(k, -1)
+            motions = unpacked(record["motions"], -1, digits=ALL_DIGITS)
+            motions = motions.reshape(k, -1 if k else 0)
             coordinates = np.array(record["coordinates"], dtype=float).reshape(-1, 3)
             if len(coordinates) != len(record["names"]):
                 raise ValueError(f"{len(coordinates)} places of {len(record['names'])} points")

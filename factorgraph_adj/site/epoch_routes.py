@@ -22,6 +22,7 @@ def _shown_row(row: Answer) -> Answer:
     result = row.pop("result", None) or {}
     findings = result.get("findings") or {}
     figures = {k: result.get(k) for k in ("sigma0", "redundancy", "counts", "problem", "time")}
+    figures["problem"] = figures["problem"] or findings.get("problem", "")
     return row | figures | {"congruence": findings.get("congruence")}
 
 
@@ -40,7 +41,7 @@ def epoch(network: Network, caller: Reader, number: int) -> Answer:
             findings = result.get("findings") or {}
             out = _shown_row(dict(row)) | {"points": result.get("points", [])}
             out |= {"doubts": result.get("doubts", []), "groups": result.get("groups", [])}
-            names = ("against", "displacements", "blocks", "motions", "tests")
+            names = ("against", "reference", "displacements", "blocks", "motions", "tests")
             return out | {name: findings.get(name) for name in names}
     raise NoSuchThing(f"network {network.settings.name} has no epoch {number}")
 

@@ -40,7 +40,7 @@ from .network_clock import NetworkClock
 from .posting_transactions import Batch, Task
 from .postings import QUERIES, OtherRequest, Posting, named_ids, recorded_requests, repeated_answer
 from .site_file import NetworkSettings
-from .surveillance import Surveillance, shown_findings
+from .surveillance import Surveillance
 
 if TYPE_CHECKING:
     from sqlalchemy import Connection
@@ -467,7 +467,7 @@ class LiveNetwork:
             batch.events += [("alarm", {"alarm": alarm}) for alarm in changes.events]
 
         batch.steps.append(alarms)
-        return shown_findings(found, survey.against, self.settings.objects)
+        return survey.shown(found)
 
     def _middle(self, epoch: LiveEpoch) -> float:
         return epoch.begin if epoch.end is None else 0.5 * (epoch.begin + epoch.end)

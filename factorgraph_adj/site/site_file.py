@@ -53,7 +53,8 @@ class NetworkSettings:
     epochs: EpochSchedule = field(default_factory=EpochSchedule)
     """When its epochs end."""
     reference: int | None = None
-    """Number of the reference epoch; None: the first that was closed."""
+    """Number of the reference epoch; None: the first that is whole, see
+    `factorgraph_adj.site.reference_epoch`."""
     objects: tuple[str, ...] = ()
     """Patterns of names of points that may move, such as ``D*``."""
     keep_seconds: float | None = None

@@ -24,6 +24,7 @@ from ..units import ANGLE
 from .alarm_log import Raised
 from .alarm_tables import SiteAlarm
 from .live_epochs import LiveEpoch
+from .reference_epoch import ReferenceEpoch, reference_epoch
 from .site_file import NetworkSettings
 
 AXES = "xyz"
@@ -53,6 +54,8 @@ class Surveillance:
         }
         self._monitor: Monitor | None = None
         self._seen: list[int] = []
+        self.reference: ReferenceEpoch | None = None
+        """The reference epoch; None: there is none yet."""
 
     @property
     def rules(self) -> list[AlarmRule]:
@@ -61,7 +64,7 @@ class Surveillance:
 
     def drop(self) -> None:
         """Forget the monitor; it is made again from the database."""
-        self._monitor, self._seen = None, []
+        self._monitor, self._seen, self.reference = None, [], None
 
     # -- epochs -----------------------------------------------------------------------------------
 
@@ -78,26 +81,22 @@ class Surveillance:
         """
         if not new.get("estimate"):
             return Findings(epoch.number, float(new["time"]), problem=str(new["problem"]))
-        if self._monitor is not None and self._seen and epoch.number > self._seen[-1]:
+        # The second epoch says whether the first one is whole.
+        follows = len(self._seen) > 1 and epoch.number > self._seen[-1]
+        if self._monitor is not None and follows:
             self._seen.append(epoch.number)
             return self._monitor.add(EpochEstimate.from_json(new["estimate"]))
         records = {r["number"]: r["result"] for r in rows() if r["result"]}
         records[epoch.number] = new
         self._monitor, self._seen = self._begun(), []
         found = Findings(epoch.number, float(new["time"]))
-        for number in self._numbers(records):
+        self.reference = reference_epoch(records, self.settings.reference)
+        first = np.inf if self.reference is None else self.reference.number
+        for number in sorted(n for n, r in records.items() if r.get("estimate") and n >= first):
             told = self._monitor.add(EpochEstimate.from_json(records[number]["estimate"]))
             self._seen.append(number)
             found = told if number == epoch.number else found
         return found
-
-    def _numbers(self, records: Mapping[int, Answer]) -> list[int]:
-        """Return the epochs that are compared, the reference first."""
-        with_estimate = sorted(n for n, r in records.items() if r.get("estimate"))
-        first = self.settings.reference
-        if first is None:
-            return with_estimate
-        return [n for n in with_estimate if n >= first]
 
     def _begun(self) -> Monitor:
         length = self.settings.epochs.length
@@ -111,7 +110,14 @@ class Surveillance:
     @property
     def against(self) -> int | None:
         """Number of the reference epoch; None: there is none yet."""
-        return self._seen[0] if self._seen else None
+        return None if self.reference is None else self.reference.number
+
+    def shown(self, found: Findings) -> Answer:
+        """Return what an epoch tells as JSON, with the reference epoch."""
+        out = shown_findings(found, self.against, self.settings.objects)
+        if self.reference is not None:
+            out["reference"] = self.reference.shown(self.settings.reference_epochs)
+        return out
 
     def standing(self, found: Findings) -> list[Raised]:
         """Return the alarms that stand after an epoch."""

@@ -77,6 +77,12 @@ const motionText = (name, block, what, unit, decimals) => {
   return told.length ? `${name}: ${told.join(", ")}` : "";
 };
 
+// Which epoch the others are compared with, and why.
+const referenceText = (r) => {
+  const which = t(r.epochs > 1 ? "reference_mean" : "reference_is", { number: r.epoch, n: r.epochs });
+  return `${which} ${t(`reference_${r.why}`)}${r.poorer ? ` ${t("reference_poorer")}` : ""}`;
+};
+
 // -- one epoch --------------------------------------------------------------------------------
 
 function epoch(root, number, signal) {
@@ -92,6 +98,7 @@ function epoch(root, number, signal) {
         ["σ̂0", fixed(e.sigma0, 3)], [t("redundancy"), e.redundancy ?? "–"], [t("revision_head"), e.revision ?? "–"],
       ], { class: "figures small" }),
       e.problem ? h("p", { class: "problem", lang: "en" }, e.problem) : null,
+      e.reference ? h("p", { class: e.reference.poorer ? "problem" : "note" }, referenceText(e.reference)) : null,
       c && isNumber(c.test) ? h("p", {}, t(c.outcome === "changed" ? "congruence_failed" : "congruence_passed", { against: e.against ?? "–", test: fixed(c.test, 2), critical: fixed(c.critical, 2) })) : h("p", { class: "note" }, t("congruence_none")),
       movedOf(e).length ? h("p", {}, t("moved_points"), ": ", pointLinks(movedOf(e), 30)) : null);
     const blockList = blocks.length ? [h("h3", { class: "livehead" }, t("blocks")), h("ul", { class: "cards" }, blocks.map((b, i) => h("li", { class: "card" },
