@@ -23,8 +23,13 @@ been rejected, and with the risk of each,
 
 This holds for every rule that chooses S, also where it rejects right observations instead of wrong
 ones: whatever gross errors stay are at most two. It is the bound of the DIA estimator (Teunissen
-2018) by the sum over its outcomes, as of fault exclusion in RAIM (Joerger & Pervan 2016). Without
+2018) by the sum over its outcomes, as of fault exclusion in RAIM (Joerger & Pervan 2016): there are
+(N over m) sets S of m observations, which together have ρ 2^−(m+1), and Σ_m 2^−(m+1) ≤ 1. Without
 data snooping, an adjustment that a test rejects is not used, and the only outcome has all of ρ.
+
+An incremental adjustment that rejects observations as they come is such a rule, too, whatever it
+rejected, readmitted and in which order: ``rejected`` states m, also where it is 0. N counts what is
+in the adjustment and what is rejected.
 
 Not covered are errors of held coordinates, of conditions and of factors that a user adds, more than
 two gross errors, and σ that are stated too small. With an estimated σ0 there are no levels, because
@@ -98,7 +103,7 @@ class ProtectionLevels(Shown):
     outcome_risk: float
     """Risk of this outcome of data snooping; ρ without data snooping."""
     rejected: int | None
-    """Number of observations that data snooping rejected; None: an adjustment without it."""
+    """Number of observations that were rejected, m; None: an adjustment without data snooping."""
     accepted: bool
     """Whether no test rejects an observation of the adjustment. Otherwise the levels are those that
     an accepted result of this design would have."""
@@ -208,6 +213,7 @@ def protection_levels(
     faults: Literal[1, 2] = 2,
     alpha: float | None = None,
     points: Sequence[str] | None = None,
+    rejected: int | None = None,
 ) -> ProtectionLevels:
     """Return bounds of the errors of points that hold with up to two undetected gross errors.
 
@@ -223,20 +229,26 @@ def protection_levels(
         alpha: probability α0 of a false alarm of one test; None: that of the reliability or of data
             snooping, 0.1 % for an adjustment alone.
         points: names of points; None: all points.
+        rejected: number of observations that tests have rejected and that the adjustment lacks, 0
+            among them; None: an adjustment that is not used where a test rejects. A `Snooping`
+            knows its own.
 
     Raises:
         InputError: a risk outside (0, 1), another number of faults, unknown points, an estimated
-            σ0, covariances that refer to other points (`s_transform`).
+            σ0, covariances that refer to other points (`s_transform`), a negative number of
+            rejected observations, or one beside a `Snooping`.
         AdjustmentError: as `reliability`.
     """
     snooping = result if isinstance(result, Snooping) else None
     rel = _reliability(result, alpha)
     solution = rel.solution
-    _refuse(solution, snooping, risk, faults)
+    _refuse(solution, snooping, risk, faults, rejected)
+    if snooping is not None:
+        rejected = _n_rejected(snooping)
     names = tuple(solution.network.points) if points is None else tuple(points)
     numbers = np.array([solution.number("point", name) for name in names], dtype=np.intp)
     modes = FaultModes(rel, faults=faults)
-    share = risk if snooping is None else risk * _outcome_share(snooping)
+    share = risk if rejected is None else risk * _outcome_share(solution, rejected)
     n = len(names)
     out = ProtectionLevels(
         solution,
@@ -245,7 +257,7 @@ def protection_levels(
         faults,
         rel.alpha,
         share,
-        None if snooping is None else _n_rejected(snooping),
+        rejected,
         _accepted(rel, modes) and (snooping is None or not snooping.unresolved),
         np.zeros((n, 6)),
         np.zeros((n, 6)),
@@ -269,9 +281,16 @@ def _reliability(result: Solution | Reliability | Snooping, alpha: float | None)
     return reliability(result.solution, alpha=alpha, power=max(result.power, POWER_OF_TEST))
 
 
-def _refuse(solution: Solution, snooping: Snooping | None, risk: float, faults: int) -> None:
+def _refuse(
+    solution: Solution, snooping: Snooping | None, risk: float, faults: int, rejected: int | None
+) -> None:
     """Raise InputError where there are no levels."""
     problems = []
+    if rejected is not None and (snooping is not None or rejected < 0):
+        problems.append(
+            f"rejected is {rejected}: give a number from 0 with an adjustment, and none with the "
+            "result of data snooping, which knows its own"
+        )
     if not 0.0 < risk < 1.0:
         problems.append(f"risk must lie between 0 and 1, not {risk}")
     if faults not in (1, 2):
@@ -295,9 +314,8 @@ def _n_rejected(snooping: Snooping) -> int:
     return len(set(snooping.rejected_ids)) + len(snooping.rejected_factors)
 
 
-def _outcome_share(snooping: Snooping) -> float:
-    """Return 2^−(m+1)/(N over m), the part of the risk that this outcome has."""
-    solution, m = snooping.solution, _n_rejected(snooping)
+def _outcome_share(solution: Solution, m: int) -> float:
+    """Return 2^−(m+1)/(N over m), the part of the risk that one set of m rejected readings has."""
     own = solution.equations.observation_of_row
     n = m + len(np.unique(own)) + len(solution.normal().system.extra)
     ways = gammaln(n + 1.0) - gammaln(m + 1.0) - gammaln(n - m + 1.0)

@@ -158,15 +158,24 @@ def protection_levels(
 ) -> Answer:
     """Return bounds of the errors of points that hold under undetected gross errors, in mm.
 
-    A level is null where it is infinite: nothing controls the errors of ``weakest``.
+    A level is null where it is infinite: nothing controls the errors of ``weakest``. ``rejected``
+    readings of the epoch, suspects among them, share the risk; null: the policy rejects none.
     """
     from ..quality.protection_levels import protection_levels as levels
 
     with network.reading() as epoch:
-        solution = epoch.stream.adjustment.solution()
-        alpha = epoch.stream.adjustment.alpha
-    names = [n for n in points.split(",") if n] or None
-    found = levels(solution, risk=risk, faults=1 if faults == "1" else 2, alpha=alpha, points=names)
+        adjustment = epoch.stream.adjustment
+        solution = adjustment.solution()
+        left_out = len(adjustment.rejected) + len(adjustment.suspects)
+    found = levels(
+        solution,
+        risk=risk,
+        faults=1 if faults == "1" else 2,
+        alpha=adjustment.alpha,
+        points=[n for n in points.split(",") if n] or None,
+        # Where tests do not reject, the levels hold for results that no test rejects.
+        rejected=None if adjustment.policy == "accept" and not left_out else left_out,
+    )
     rows = []
     for i, name in enumerate(found.names):
         mode = found.weakest(name)
@@ -174,5 +183,6 @@ def protection_levels(
         for what in ("horizontal", "vertical", "space"):
             row[f"{what}_mm"] = 1e3 * float(getattr(found, what)[i])
         rows.append(row)
-    out = {"risk": risk, "faults": found.faults, "accepted": found.accepted, "rows": rows}
+    out: Answer = {"risk": risk, "faults": found.faults, "rejected": found.rejected}
+    out |= {"accepted": found.accepted, "rows": rows}
     return dict(finite_json(out))

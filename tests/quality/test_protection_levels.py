@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 from itertools import combinations
+from math import comb
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from factorgraph_adj.quality.integrity_risk import (
     risk_at,
 )
 from factorgraph_adj.quality.protection_levels import FIGURES, ProtectionLevels
+from factorgraph_adj.types import Array
 from tests.benchmarks.protection_levels import DenseModel, of_mode, trials, worst_errors
 from tests.support.scatter import NETWORKS, measure
 
@@ -248,6 +250,43 @@ def test_data_snooping_of_nonlinear_networks_keeps_the_risk() -> None:
     assert len(kept) > 1
 
 
+def quadrangle() -> fga.Network:
+    """Return four points with all differences of height between them, twice."""
+    network = fga.Network("a quadrangle")
+    heights = {"A": 100.0, "B": 101.0, "C": 102.0, "D": 103.0}
+    for name, z in heights.items():
+        network.add_point(name, (0, 0, z), fixed="xyz" if name == "A" else "xy")
+    for a, b in (*combinations(heights, 2), *combinations(heights, 2)):
+        network.add(fga.HeightDifference(a, b, heights[b] - heights[a], sigma=1e-3))
+    return network
+
+
+def test_an_incremental_adjustment_that_rejects_keeps_the_risk() -> None:
+    """Readings come one by one, two of them wrong by up to 12 σ; a tenth may exceed a level."""
+    true, risk, number = quadrangle(), 0.1, 40
+    given = list(true.observations.values())
+    rng, n = np.random.default_rng(9), len(given)
+    exceeded, kept = np.zeros(4, dtype=int), dict[tuple[str, ...], Array]()
+    for _ in range(number):
+        errors = rng.standard_normal(n)
+        errors[rng.choice(n, 2, replace=False)] += rng.uniform(-12, 12, 2)
+        plan = quadrangle()
+        plan.observations.clear()
+        inc = fga.IncrementalAdjustment(plan, policy="reject")
+        for k in rng.permutation(n).tolist():
+            inc.add(replace(given[k], id=f"h{k}", value=given[k].value + 1e-3 * float(errors[k])))
+        solution, m = inc.solution(), len(inc.rejected)
+        levels = fga.protection_levels(solution, risk=risk, rejected=m)
+        assert levels.outcome_risk == pytest.approx(risk / 2 ** (m + 1) / comb(n, m))
+        same = kept.setdefault(tuple(sorted(solution.network.observations)), levels.levels)
+        np.testing.assert_allclose(levels.levels, same, rtol=ROUNDING)
+        if levels.accepted:  # otherwise the levels do not speak of it
+            error = np.abs([solution.point(p)[2] - true.points[p].coordinates[2] for p in "ABCD"])
+            exceeded += error > levels.vertical + 1e-12
+    assert exceeded.max() <= binom.ppf(1.0 - FALSE_ALARM, number, risk)
+    assert {n - len(ids) for ids in kept} >= {0, 1, 2}
+
+
 def test_what_has_no_level_is_refused() -> None:
     network = polar()
     solution = fga.adjust(network)
@@ -255,6 +294,10 @@ def test_what_has_no_level_is_refused() -> None:
         fga.protection_levels(solution, risk=0.0)
     with pytest.raises(InputError, match="faults must be 1 or 2"):
         fga.protection_levels(solution, faults=3)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="rejected is -1"):
+        fga.protection_levels(solution, rejected=-1)
+    with pytest.raises(InputError, match="knows its own"):
+        fga.protection_levels(fga.snoop(network), rejected=1)
     with pytest.raises(InputError, match="unknown point"):
         fga.protection_levels(solution, points=["Q"])
     with pytest.raises(InputError, match="estimated σ0"):

@@ -8,6 +8,7 @@ import pytest
 from factorgraph_adj.epochs.block_motion import BlockMotion
 from factorgraph_adj.epochs.congruence_tests import HypothesisTest
 from factorgraph_adj.errors import InputError
+from factorgraph_adj.quality.protection_levels import protection_levels
 from factorgraph_adj.site import surveillance
 from factorgraph_adj.site.alarm_tables import SilenceRule, read_alarms
 from factorgraph_adj.site.site_file import read_site
@@ -161,6 +162,36 @@ def test_protection_levels_name_what_nothing_controls(moved):
     rows = {r["name"]: r for r in found["rows"]}
     assert rows["A"]["space_mm"] == 0.0
     assert rows["C"]["vertical_mm"] > 0.5 and rows["C"]["weakest"]
+
+
+@pytest.mark.parametrize("policy", ["reject", "flag", "accept"])
+def test_protection_levels_share_the_risk_among_what_may_have_been_rejected(tmp_path, policy):
+    folder = yard_site(tmp_path)
+    text = (folder / "site.toml").read_text()
+    (folder / "site.toml").write_text(text.replace('"reject"', f'"{policy}"'))
+
+    def heights(client):
+        found = client.get(f"{ADDRESS}/protection-levels", params={"faults": "1"}).json()
+        return found, {r["name"]: r["vertical_mm"] for r in found["rows"]}["C"]
+
+    def expected(client, rejected):
+        with yard_of(client.app.state.site).reading() as epoch:
+            solution = epoch.stream.adjustment.solution()
+        levels = protection_levels(solution, faults=1, alpha=0.001, rejected=rejected)
+        return pytest.approx(1e3 * levels.level("C", "vertical"))
+
+    with served(folder) as client:
+        post(client, readings(0))
+        found, height = heights(client)
+        m = None if policy == "accept" else 0
+        assert found["rejected"] == m and height == expected(client, m)
+        post(client, [{**r, "value": r["value"] + 0.1} for r in readings(0)[:1]])
+        found, after = heights(client)
+        m = None if policy == "accept" else 1
+        assert found["rejected"] == m and after == expected(client, m)
+        assert found["accepted"] == (policy != "accept")
+        if m is not None:
+            assert after > height > expected(client, None).expected
 
 
 @pytest.mark.parametrize("value", [1.0, 9.0])
