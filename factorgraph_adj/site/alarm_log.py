@@ -41,6 +41,17 @@ class Raised:
     """Addresses that are told."""
     tested: int | None = None
     """Number of the epoch that was tested last; None: no epoch tells."""
+    since: float = 0.0
+    """Time of the epoch that raised it, seconds UTC."""
+    until: float | None = None
+    """Time of the epoch that cleared it; None: it stands."""
+    latest: Answer | None = None
+    """What its last epoch says; None: it has no other."""
+
+    def is_at(self, begin: float, end: float | None) -> bool:
+        """Return whether it stood at some time of an interval, which ends where ``end`` is None."""
+        ends = self.until is not None and self.until < begin
+        return not ends and (end is None or self.since <= end)
 
 
 @dataclass
@@ -99,6 +110,74 @@ def reconcile(
         row_now = {"id": number, **values, "data": json.dumps(data), "cleared": None}
         row_now |= {"acknowledged": None, "acknowledged_by": None, "silenced_until": None}
         out.events.append(shown(row_now, name))
+        _tell(connection, number, found.notify, out.events[-1])
+    return out
+
+
+def revise(
+    connection: Connection,
+    network: int,
+    name: str,
+    rules: Iterable[str],
+    episodes: Sequence[Raised],
+    at: float,
+    by: int,
+) -> AlarmChanges:
+    """Make the alarms of a network since an epoch those that its late readings leave.
+
+    Each alarm that is recorded is that of the episode which stood at the same time. One without an
+    episode is withdrawn, an episode without an alarm is recorded; both are told.
+
+    Args:
+        connection: connection of the transaction.
+        network: id of the network.
+        name: its name.
+        rules: names of all rules that were examined.
+        episodes: all alarms of the network, as its epochs are now.
+        at: time of the epoch, seconds UTC.
+        by: its number.
+    """
+    from sqlalchemy import insert, select, update
+
+    from .tables import alarms
+
+    why = f"revised after late readings of epoch {by}"
+    wanted = select(alarms).where(alarms.c.network == network, alarms.c.rule.in_([*rules]))
+    rows = [dict(r._mapping) for r in connection.execute(wanted.order_by(alarms.c.raised))]
+    out, left = AlarmChanges(), list(episodes)
+
+    def change(row: dict[str, Any], data: Answer, *, tells: bool, **values: object) -> None:
+        values["data"] = json.dumps(data | {"revised": why})
+        connection.execute(update(alarms).where(alarms.c.id == row["id"]).values(**values))
+        out.events.append(shown(row | values, name))
+        silenced = row["silenced_until"] is not None and row["silenced_until"] > clock.time()
+        if tells and not silenced:
+            _tell(connection, row["id"], data.get("notify", []), out.events[-1])
+
+    for row in rows:
+        data, key = json.loads(row["data"]), (row["rule"], row["subject"])
+        stood = row["raised"], row["cleared"]
+        same = [e for e in left if (e.rule, e.subject) == key and e.is_at(*stood)]
+        if same:
+            left.remove(same[0])
+            own = {k: v for k, v in data.items() if k != "withdrawn"} | same[0].data
+            if (same[0].since, same[0].until) != stood or own != data:
+                own |= {} if same[0].latest is None else {"latest": same[0].latest}
+                tells = (row["cleared"] is None) != (same[0].until is None)
+                change(row, own, tells=tells, raised=same[0].since, cleared=same[0].until)
+        elif (row["cleared"] is None or row["cleared"] >= at) and not data.get("withdrawn"):
+            said = {"text": f"withdrawn: {data.get('text', row['rule'])}", "withdrawn": True}
+            until = row["cleared"] or row["raised"]
+            change(row, data | said, tells=row["cleared"] is None, cleared=until)
+    for found in (e for e in left if e.is_at(at, None)):
+        latest = {} if found.latest is None else {"latest": found.latest}
+        data = {**found.data, **latest, "notify": list(found.notify), "revised": why}
+        row = {"network": network, "rule": found.rule, "subject": found.subject}
+        row |= {"raised": found.since, "cleared": found.until, "data": json.dumps(data)}
+        made = connection.execute(insert(alarms).values(**row))
+        (number,) = made.inserted_primary_key or (0,)
+        nobody = dict.fromkeys(("acknowledged", "acknowledged_by", "silenced_until"))
+        out.events.append(shown({"id": number, **row, **nobody}, name))
         _tell(connection, number, found.notify, out.events[-1])
     return out
 

@@ -82,6 +82,25 @@ def record_result(
 
     from .tables import epochs
 
-    text = json.dumps(finite_json(result), ensure_ascii=False)
-    values = {"state": "closed", "revision": revision, "result": text}
+    values = {"state": "closed", "revision": revision, "result": _text(result)}
     connection.execute(update(epochs).where(epochs.c.id == epoch).values(**values))
+
+
+def record_findings(connection: Connection, epoch: int, result: dict[str, Any]) -> None:
+    """Record a result whose findings alone have changed; state and revision stay.
+
+    Args:
+        connection: connection of the transaction.
+        epoch: id of its row.
+        result: the result.
+    """
+    from sqlalchemy import update
+
+    from .tables import epochs
+
+    change = update(epochs).where(epochs.c.id == epoch)
+    connection.execute(change.values(result=_text(result)))
+
+
+def _text(result: dict[str, Any]) -> str:
+    return json.dumps(finite_json(result), ensure_ascii=False)

@@ -41,7 +41,15 @@ def epoch(network: Network, caller: Reader, number: int) -> Answer:
             findings = result.get("findings") or {}
             out = _shown_row(dict(row)) | {"points": result.get("points", [])}
             out |= {"doubts": result.get("doubts", []), "groups": result.get("groups", [])}
-            names = ("against", "reference", "displacements", "blocks", "motions", "tests")
+            names = (
+                "against",
+                "reference",
+                "revised",
+                "displacements",
+                "blocks",
+                "motions",
+                "tests",
+            )
             return out | {name: findings.get(name) for name in names}
     raise NoSuchThing(f"network {network.settings.name} has no epoch {number}")
 

@@ -30,10 +30,10 @@ from typing import TYPE_CHECKING, Any
 from ..errors import AdjustmentError, InputError, Problem
 from ..io.project import Project
 from ..service.answers import Answer, refusal
-from .alarm_log import reconcile
 from .alarm_tables import SiteAlarm
 from .database import Database, DatabaseAway
 from .epoch_results import epoch_result, record_result
+from .epoch_survey import surveyed
 from .live_epochs import LiveEpoch, LiveEpochs
 from .measured_sets import refuse_measured_twice
 from .network_clock import NetworkClock
@@ -434,40 +434,15 @@ class LiveNetwork:
         self._epochs.turned(epoch, "closed")
         self._stale.pop(epoch.number, None)
         result = epoch_result(epoch.stream, epoch.number, self._middle(epoch))
-        result["findings"] = self._surveyed(epoch, result, batch)
+        result["findings"] = surveyed(
+            *(self.surveillance, self.id, lambda: self._epochs.read_rows(results=True)),
+            *(epoch, result, batch),
+        )
         batch.results[epoch.number] = result
         batch.steps.append(lambda c: record_result(c, epoch.id, epoch.revision, result))
         what = "closed" if epoch.revision == 1 else "result"
         batch.events.append(("epoch", {"epoch": epoch.number, "what": what, **epoch.summary()}))
         return {k: v for k, v in result.items() if k != "estimate"}
-
-    def _surveyed(
-        self, epoch: LiveEpoch, result: dict[str, Any], batch: Batch
-    ) -> dict[str, Any] | None:
-        """Return what an epoch tells, and let alarms be raised and cleared."""
-        survey = self.surveillance
-
-        def rows() -> list[dict[str, Any]]:
-            found = self._epochs.read_rows(results=True)
-            # Epochs that end in the same transaction have no result in the database yet.
-            return [
-                row | {"result": batch.results.get(row["number"], row["result"])} for row in found
-            ]
-
-        try:
-            found = survey.findings(rows, epoch, result)
-        except AdjustmentError as error:
-            survey.drop()
-            return {"problem": str(error)}
-        standing, at = survey.standing(found), float(result["time"])
-
-        def alarms(connection: Connection) -> None:
-            names = [r.name for r in survey.rules]
-            changes = reconcile(connection, self.id, self.settings.name, names, standing, at)
-            batch.events += [("alarm", {"alarm": alarm}) for alarm in changes.events]
-
-        batch.steps.append(alarms)
-        return survey.shown(found)
 
     def _middle(self, epoch: LiveEpoch) -> float:
         return epoch.begin if epoch.end is None else 0.5 * (epoch.begin + epoch.end)

@@ -8,6 +8,7 @@ those of the monitor; the database has when they were raised, acknowledged, sile
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -68,8 +69,13 @@ class Surveillance:
 
     # -- epochs -----------------------------------------------------------------------------------
 
-    def findings(self, rows: Callable[[], Rows], epoch: LiveEpoch, new: Answer) -> Findings:
-        """Return what an epoch tells that has just ended.
+    def findings(
+        self, rows: Callable[[], Rows], epoch: LiveEpoch, new: Answer
+    ) -> dict[int, Findings]:
+        """Return what an epoch tells that has just ended, and where it changed, those after it.
+
+        An epoch that follows the last one is added to the monitor. Otherwise this is made again,
+        and the findings of all epochs from the reference on are returned, by number.
 
         Args:
             rows: gives the rows of all epochs with their results so far.
@@ -79,23 +85,23 @@ class Surveillance:
         Raises:
             AdjustmentError: a rate cannot be kept, or frames differ.
         """
-        if not new.get("estimate"):
-            return Findings(epoch.number, float(new["time"]), problem=str(new["problem"]))
+        is_new = self._monitor is not None and epoch.number not in self._seen
+        if is_new and not new.get("estimate"):
+            return {}
         # The second epoch says whether the first one is whole.
         follows = len(self._seen) > 1 and epoch.number > self._seen[-1]
         if self._monitor is not None and follows:
             self._seen.append(epoch.number)
-            return self._monitor.add(EpochEstimate.from_json(new["estimate"]))
+            return {epoch.number: self._monitor.add(EpochEstimate.from_json(new["estimate"]))}
         records = {r["number"]: r["result"] for r in rows() if r["result"]}
         records[epoch.number] = new
         self._monitor, self._seen = self._begun(), []
-        found = Findings(epoch.number, float(new["time"]))
+        found: dict[int, Findings] = {}
         self.reference = reference_epoch(records, self.settings.reference)
         first = np.inf if self.reference is None else self.reference.number
         for number in sorted(n for n, r in records.items() if r.get("estimate") and n >= first):
-            told = self._monitor.add(EpochEstimate.from_json(records[number]["estimate"]))
+            found[number] = self._monitor.add(EpochEstimate.from_json(records[number]["estimate"]))
             self._seen.append(number)
-            found = told if number == epoch.number else found
         return found
 
     def _begun(self) -> Monitor:
@@ -121,24 +127,44 @@ class Surveillance:
 
     def standing(self, found: Findings) -> list[Raised]:
         """Return the alarms that stand after an epoch."""
-        if self._monitor is None:
-            return []
-        tests = {(t.rule, n): t for n, p in found.points.items() for t in p.tests}
-        tests |= {(t.rule, OF_REFERENCE): t for t in found.reference_tests}
-        said = {(a.rule, a.point): a.sentence for a in found.alarms}
-        out = []
-        for alarm in self._monitor.open_alarms:
-            key = alarm.rule, alarm.point
-            rule = self._alarms[alarm.rule]
-            data: Answer = {"epoch": alarm.since}
-            if key in said:
-                data["text"] = said[key]
-            if key in tests:
-                data |= _alarm_figures(tests[key])
-            assert isinstance(rule.rule, AlarmRule)
-            data["false_alarms_per_month"] = rule.rule.false_alarms_per_month
-            out.append(Raised(alarm.rule, alarm.point, data, rule.notify, found.number))
+        standing = () if self._monitor is None else self._monitor.open_alarms
+        return [self._raised(a.rule, a.point, a.since, found) for a in standing]
+
+    def episodes(self, every: Mapping[int, Findings]) -> list[Raised]:
+        """Return all alarms of some epochs, those that have ended too, in the order of their begin.
+
+        Args:
+            every: findings of all epochs from the reference on, by number.
+        """
+        out: list[Raised] = []
+        last: dict[tuple[str, str], int] = {}
+        for _, found in sorted(every.items()):
+            for event in found.alarms:
+                key = event.rule, event.point
+                now = self._raised(*key, event.since, found)
+                if event.change == "raised":
+                    last[key] = len(out)
+                    out.append(now)
+                elif event.change == "cleared":
+                    out[last[key]] = replace(out[last[key]], until=found.time)
+                else:
+                    latest = now.data | {"epoch": found.number}
+                    out[last[key]] = replace(out[last[key]], latest=latest)
         return out
+
+    def _raised(self, rule: str, point: str, since: int | None, found: Findings) -> Raised:
+        """Return an alarm with the figures of an epoch."""
+        tests = found.points[point].tests if point in found.points else ()
+        tests = found.reference_tests if point == OF_REFERENCE else tests
+        data: Answer = {"epoch": since}
+        for said in (a for a in found.alarms if (a.rule, a.point) == (rule, point)):
+            data["text"] = said.sentence
+        for test in (t for t in tests if t.rule == rule):
+            data |= _alarm_figures(test)
+        of = self._alarms[rule]
+        assert isinstance(of.rule, AlarmRule)
+        data["false_alarms_per_month"] = of.rule.false_alarms_per_month
+        return Raised(rule, point, data, of.notify, found.number, since=found.time)
 
 
 # -- what is shown ---------------------------------------------------------------------------------

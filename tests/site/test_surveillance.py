@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from sqlalchemy import select
 
 from factorgraph_adj.epochs.block_motion import BlockMotion
 from factorgraph_adj.epochs.congruence_tests import HypothesisTest
@@ -12,6 +13,7 @@ from factorgraph_adj.quality.protection_levels import protection_levels
 from factorgraph_adj.site import surveillance
 from factorgraph_adj.site.alarm_tables import SilenceRule, read_alarms
 from factorgraph_adj.site.site_file import read_site
+from factorgraph_adj.site.tables import notices
 from tests.support.sites import ADDRESS, ALARM, readings, served, site_of, yard_of, yard_site
 
 
@@ -214,3 +216,84 @@ def test_a_block_without_a_motion_tells_why(monkeypatch):
 
     monkeypatch.setattr(surveillance, "block_motion", none)
     assert surveillance._blocks(None, ["C"]) == [{"points": ["C"], "problem": "not determined"}]
+
+
+def hours_but(client, last, left_out, risen=()):
+    for hour in range(last):
+        if hour != left_out:
+            post(client, readings(hour, 0.01 if hour in risen else 0.0))
+
+
+def epochs_of(client):
+    numbers = [e["number"] for e in client.get(f"{ADDRESS}/epochs").json()]
+    return {n: client.get(f"{ADDRESS}/epochs/{n}").json() for n in numbers}
+
+
+def test_late_readings_change_what_is_recorded_of_later_epochs(tmp_path):
+    """Records are those of a site to which all readings came in time."""
+    late, timely = tmp_path / "late", tmp_path / "timely"
+    for folder in (late, timely):
+        folder.mkdir()
+    with served(late, epochs="1 h", more=ALARM) as client:
+        hours_but(client, 7, 2)
+        before = epochs_of(client)
+        post(client, readings(2))
+        yard_of(client.app.state.site).close_stale()
+        found = epochs_of(client)
+        events = client.get(f"{ADDRESS}/events").json()
+    with served(timely, epochs="1 h", more=ALARM) as client:
+        hours_but(client, 7, None)
+        expected = epochs_of(client)
+    for number in range(1, 7):
+        for what in ("displacements", "motions", "tests"):
+            assert found[number][what] == expected[number][what], (number, what)
+    assert found[5]["motions"] != before[5]["motions"]
+    assert [found[n]["revised"] for n in (2, 4, 5, 6)] == [None, 3, 3, 3]
+    told = [e["data"]["epoch"] for e in events if e["data"].get("what") == "revised"]
+    assert told == [4, 5, 6]
+
+
+def test_an_alarm_that_began_and_ended_in_the_meantime_is_recorded_and_withdrawn(tmp_path):
+    """By readings that came late, and by their removal."""
+    with served(tmp_path, epochs="1 h", more=ALARM) as client:
+
+        def alarms():
+            yard_of(client.app.state.site).close_stale()
+            return client.get("/api/v1/alarms", params={"state": "all"}).json()
+
+        hours_but(client, 8, 3)
+        assert alarms() == []
+        answers = client.post(f"{ADDRESS}/postings", json=readings(3, 0.01)).json()
+        (alarm,) = alarms()
+        times = {n: e["time"] for n, e in epochs_of(client).items()}
+        assert (alarm["since"], alarm["until"]) == (times[4], times[6])
+        assert alarm["state"] == "closed" and alarm["epoch"] == 4 and alarm["value"] > 0
+        assert alarm["revised"] == "revised after late readings of epoch 4"
+        ids = [a["id"] for a in answers]
+        time = readings(3)[0]["time"]
+        removed = client.post(
+            f"{ADDRESS}/postings", json={"do": "remove", "ids": ids, "time": time}
+        ).json()
+        assert removed["ok"]
+        (alarm,) = alarms()
+        assert alarm["state"] == "closed" and alarm["text"].startswith("withdrawn: wall: C lies")
+        with client.app.state.site.database.reading() as connection:
+            assert len(connection.execute(select(notices)).all()) == 1, "it was told once"
+        post(client, readings(3, 0.01))
+        (alarm,) = alarms()
+        assert alarm["text"].startswith("wall: C lies"), "it is the same alarm again"
+
+
+def test_an_alarm_that_stands_has_the_times_of_its_epochs(tmp_path):
+    """Readings of the epoch in which it began come late: it began earlier than was known."""
+    with served(tmp_path, epochs="1 h", more=ALARM) as client:
+        hours_but(client, 7, 3, risen=(3, 4, 5, 6))
+        (alarm,) = client.get("/api/v1/alarms").json()
+        assert alarm["epoch"] == 5 and "revised" not in alarm
+        post(client, readings(3, 0.01))
+        yard_of(client.app.state.site).close_stale()
+        (alarm,) = client.get("/api/v1/alarms").json()
+        times = {n: e["time"] for n, e in epochs_of(client).items()}
+        assert alarm["epoch"] == 4 and alarm["since"] == times[4] and alarm["revised"]
+        post(client, readings(7, 0.01))  # the end of epoch 7: it continues, and is not revised
+        assert client.get("/api/v1/alarms").json()[0]["latest"]["epoch"] == 7

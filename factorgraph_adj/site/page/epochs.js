@@ -98,6 +98,7 @@ function epoch(root, number, signal) {
         ["σ̂0", fixed(e.sigma0, 3)], [t("redundancy"), e.redundancy ?? "–"], [t("revision_head"), e.revision ?? "–"],
       ], { class: "figures small" }),
       e.problem ? h("p", { class: "problem", lang: "en" }, e.problem) : null,
+      isNumber(e.revised) ? h("p", { class: "note" }, t("revised_by", { number: e.revised })) : null,
       e.reference ? h("p", { class: e.reference.poorer ? "problem" : "note" }, referenceText(e.reference)) : null,
       c && isNumber(c.test) ? h("p", {}, t(c.outcome === "changed" ? "congruence_failed" : "congruence_passed", { against: e.against ?? "–", test: fixed(c.test, 2), critical: fixed(c.critical, 2) })) : h("p", { class: "note" }, t("congruence_none")),
       movedOf(e).length ? h("p", {}, t("moved_points"), ": ", pointLinks(movedOf(e), 30)) : null);

@@ -92,6 +92,7 @@ export function alarmItem(a) {
       size: isNumber(a.latest.size_mm) ? `${fixed(a.latest.size_mm, 1)} mm, ` : "", value: fixed(a.latest.value, 2), limit: fixed(a.latest.limit, 2),
     })) : null,
     a.text ? h("div", { class: "why", lang: "en" }, a.text) : null,
+    a.revised ? h("div", { class: "note", lang: "en" }, a.revised) : null,
     h("div", { class: "why" }, [
       isNumber(a.epoch) ? [t("epoch"), " ", h("a", { href: link("epochs", a.epoch) }, a.epoch), " · "] : null,
       a.until ? [t("until"), " ", moment(a.until), " · "] : null,
