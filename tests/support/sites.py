@@ -42,8 +42,13 @@ name = "wall"
 points = ["C"]
 false_alarms_per_month = 0.01
 notify = ["mailto:chief@example.org"]
+[smtp]
+host = "127.0.0.1"
+port = 9
+security = "none"
+sender = "site@example.org"
 """
-"""An alarm of the yard about C."""
+"""An alarm of the yard about C, and a mail server that does not answer."""
 
 STORES = ("sqlite", "postgresql")
 """Databases of sites; tests that take the fixture ``store`` run on each."""
