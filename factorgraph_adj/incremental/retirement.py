@@ -130,8 +130,7 @@ class Rest(NamedTuple):
             for g in fields["groups"]
         )
         z: Array = np.array(fields["z"], dtype=float)
-        # Observations between given points and their own unknowns leave rows without a column.
-        r = np.array(fields["r"], dtype=float).reshape(len(z), int(fields["width"]))
+        r = np.array(fields["r"], dtype=float).reshape(len(z), int(fields["width"]))  # may be 0
         prior = Prior(groups=groups, r=r, z=z, apart=int(fields["apart"]), name=RETIRED_ROWS_NAME)
         return cls(prior, _missed_of(fields["missed"], r.shape[1]))
 

@@ -10,7 +10,7 @@ pytest.importorskip("fastapi")
 DAYS = 8
 
 
-@pytest.mark.slow(proves="epochs and alarms of a served site against the engine, with a kill")
+@pytest.mark.slow("epochs and alarms of a served site are those of the engine, with a kill")
 def test_days_of_a_dam_are_those_of_the_engine(tmp_path):
     month = drawn_month(3, DAYS)
     with storing_in("sqlite"):
