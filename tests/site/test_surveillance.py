@@ -155,6 +155,7 @@ def test_all_problems_of_alarms_are_told():
         [{"name": "s", "test": "silence", "points": ["ts*"], "after": 60}],
         where="site.toml",
         networks=["dam"],
+        instruments=["ts1"],
     )
     assert isinstance(alarm.rule, SilenceRule) and alarm.rule.covers("ts1")
 
