@@ -69,7 +69,9 @@ class EventLog:
 
         from .tables import events
 
-        wanted = select(func.min(events.c.id), func.max(events.c.id))
+        # Each by itself is one look at the index; both in one aggregate would read all rows.
+        first_id = select(func.min(events.c.id)).scalar_subquery()
+        wanted = select(first_id, select(func.max(events.c.id)).scalar_subquery())
         with self._database.reading() as connection:
             first, last = connection.execute(wanted).one()
         return int(first or 0), int(last or 0)
@@ -126,8 +128,9 @@ class EventLog:
 
         Args:
             last: number of the last event that the reader has; None: it begins with the next one.
-                Where later ones are not in the log any more, the first event is ``hello``, after
-                which the reader must read everything again.
+                Where later ones are not in the log any more, at the begin or because it has read
+                too slowly, an event ``hello`` comes, after which the reader must read everything
+                again.
             networks: as in `after`.
         """
         self._loop = asyncio.get_running_loop()
@@ -143,6 +146,13 @@ class EventLog:
             while True:
                 waiting.clear()
                 found = await asyncio.to_thread(self.after, known, networks)
+                # What a slow reader has not read yet may leave meanwhile.
+                if found and found[0].id > known + 1:
+                    oldest, newest = await asyncio.to_thread(self.bounds)
+                    if oldest > known + 1:
+                        known = newest
+                        yield Event(newest, None, 0.0, "hello", {"lost": True})
+                        continue
                 for event in found:
                     known = event.id
                     yield event
