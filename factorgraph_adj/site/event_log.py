@@ -1,13 +1,16 @@
 """The log of events of a site, which browsers follow by server-sent events.
 
 Every reader takes the events from the database at its own pace, so that a slow one costs no memory
-and one that comes back goes on where it was (``Last-Event-ID``).
+and one that comes back goes on where it was (``Last-Event-ID``). Readers that wait for the same
+events share one reading and one text of them.
 """
 
 from __future__ import annotations
 
 import asyncio
 import json
+import time as clock
+from collections import OrderedDict
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import suppress
 from typing import Any, NamedTuple
@@ -16,6 +19,10 @@ from .database import Database
 
 PAGE = 200
 """Events that a reader takes at once."""
+MAX_PAGES = 4
+"""Number of pages that are in memory for several readers."""
+PIECE_BYTES = 1 << 15
+"""Size of what is handed to a connection at once, unless one event is longer, bytes."""
 HEARTBEAT_SECONDS = 10.0
 """Time without events after which a beat shows that the connection lives, seconds."""
 
@@ -43,6 +50,50 @@ class Event(NamedTuple):
         return {"network": names.get(self.network or 0), "at": self.at} | self.data
 
 
+class Page(NamedTuple):
+    """Events that readers take at once, as server-sent events."""
+
+    first: int
+    """Number of the first event; 0: there is none."""
+    last: int
+    """Number of the last event."""
+    pieces: tuple[bytes, ...]
+    """Their text."""
+
+    @classmethod
+    def of(cls, rows: Sequence[Any], names: Mapping[int, str]) -> Page:
+        """Write events, whose data stay the text that the database has.
+
+        Args:
+            rows: rows of the table of events.
+            names: names of networks by id.
+        """
+        pieces: list[bytes] = []
+        waiting: list[str] = []
+        size = 0
+        for row in rows:
+            about = json.dumps({"network": names.get(row.network or 0), "at": row.at})
+            data = about if row.data == "{}" else f"{about[:-1]}, {row.data[1:]}"
+            waiting.append(f"id: {row.id}\nevent: {row.kind}\ndata: {data}\n\n")
+            size += len(data)
+            if size > PIECE_BYTES:
+                pieces.append("".join(waiting).encode())
+                waiting, size = [], 0
+        if waiting:
+            pieces.append("".join(waiting).encode())
+        return cls(rows[0].id if rows else 0, rows[-1].id if rows else 0, tuple(pieces))
+
+
+class EventRow(NamedTuple):
+    """An event that is in no database."""
+
+    id: int
+    network: int | None
+    at: float
+    kind: str
+    data: str
+
+
 class EventLog:
     """The events of a site, and those who wait for them."""
 
@@ -51,6 +102,7 @@ class EventLog:
         self._database = database
         self._loop: asyncio.AbstractEventLoop | None = None
         self._waiting: set[asyncio.Event] = set()
+        self._pages: OrderedDict[tuple[Any, ...], asyncio.Task[Page]] = OrderedDict()
 
     def changed(self) -> None:
         """Tell all readers that there are new events; any thread may call this."""
@@ -60,6 +112,7 @@ class EventLog:
                 loop.call_soon_threadsafe(self._wake)
 
     def _wake(self) -> None:
+        self._pages.clear()
         for waiting in self._waiting:
             waiting.set()
 
@@ -83,6 +136,10 @@ class EventLog:
             number: number of the last event that is known.
             networks: ids of networks; events of the site itself come too. None: all.
         """
+        rows = self._rows_after(number, networks)
+        return [Event(r.id, r.network, r.at, r.kind, json.loads(r.data)) for r in rows]
+
+    def _rows_after(self, number: int, networks: Sequence[int] | None) -> Sequence[Any]:
         from sqlalchemy import or_, select
 
         from .tables import events
@@ -91,8 +148,23 @@ class EventLog:
         if networks is not None:
             wanted = wanted.where(or_(events.c.network.is_(None), events.c.network.in_(networks)))
         with self._database.reading() as connection:
-            rows = connection.execute(wanted).all()
-        return [Event(r.id, r.network, r.at, r.kind, json.loads(r.data)) for r in rows]
+            return connection.execute(wanted).all()
+
+    async def _page(
+        self, number: int, networks: tuple[int, ...] | None, names: Mapping[int, str]
+    ) -> Page:
+        """Return the next events after a number, which are read once for all who ask for them."""
+        key = number, networks
+        page = self._pages.get(key)
+        if page is None or (page.done() and page.exception() is not None):
+
+            def read() -> Page:
+                return Page.of(self._rows_after(number, networks), names)
+
+            page = self._pages[key] = asyncio.create_task(asyncio.to_thread(read))
+            while len(self._pages) > MAX_PAGES:
+                self._pages.popitem(last=False)
+        return await asyncio.shield(page)  # a reader that leaves does not take it from the others
 
     def latest(self, network: int, most: int) -> list[Event]:
         """Return the latest events of a network, the oldest first.
@@ -122,9 +194,13 @@ class EventLog:
         self.changed()
 
     async def follow(
-        self, last: int | None, networks: Sequence[int] | None = None
-    ) -> AsyncIterator[Event | None]:
-        """Yield events as they come; None is a beat.
+        self,
+        last: int | None,
+        networks: Sequence[int] | None = None,
+        *,
+        names: Mapping[int, str],
+    ) -> AsyncIterator[bytes]:
+        """Yield server-sent events as they come, and a ``beat`` where none do.
 
         Args:
             last: number of the last event that the reader has; None: it begins with the next one.
@@ -132,35 +208,46 @@ class EventLog:
                 too slowly, an event ``hello`` comes, after which the reader must read everything
                 again.
             networks: as in `after`.
+            names: names of networks by id.
         """
-        self._loop = asyncio.get_running_loop()
+        wanted = None if networks is None else tuple(networks)
+        loop = asyncio.get_running_loop()
+        if loop is not self._loop:
+            self._loop = loop
+            self._pages.clear()
         waiting = asyncio.Event()
         self._waiting.add(waiting)
+
+        def hello(lost: bool) -> Page:
+            row = EventRow(newest, None, 0.0, "hello", json.dumps({"lost": lost}))
+            return Page.of([row], names)
+
         try:
             oldest, newest = await asyncio.to_thread(self.bounds)
             known = newest if last is None else last
             lost = last is not None and (last > newest or last + 1 < oldest)
             if last is None or lost:
                 known = newest
-                yield Event(newest, None, 0.0, "hello", {"lost": lost})
+                yield hello(lost).pieces[0]
             while True:
                 waiting.clear()
-                found = await asyncio.to_thread(self.after, known, networks)
+                page = await self._page(known, wanted, names)
                 # What a slow reader has not read yet may leave meanwhile.
-                if found and found[0].id > known + 1:
+                if page.first > known + 1:
                     oldest, newest = await asyncio.to_thread(self.bounds)
                     if oldest > known + 1:
                         known = newest
-                        yield Event(newest, None, 0.0, "hello", {"lost": True})
+                        yield hello(True).pieces[0]
                         continue
-                for event in found:
-                    known = event.id
-                    yield event
-                if found:
+                for piece in page.pieces:
+                    yield piece
+                if page.pieces:
+                    known = page.last
                     continue
                 try:
                     await asyncio.wait_for(waiting.wait(), HEARTBEAT_SECONDS)
                 except TimeoutError:
-                    yield None
+                    self._pages.clear()  # another process may have recorded events
+                    yield f"event: beat\ndata: {json.dumps({'at': clock.time()})}\n\n".encode()
         finally:
             self._waiting.discard(waiting)

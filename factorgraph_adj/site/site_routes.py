@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import json
 import time as clock
 from collections.abc import AsyncIterator
 from typing import Annotated, Any
@@ -15,7 +14,7 @@ from ..observations.registry import KINDS
 from ..report.catalogue import TEXTS_BY_LANGUAGE, Texts
 from .access import RIGHTS, Caller
 from .dependencies import COOKIE, Decider, Manager, Reader, TheSite
-from .event_log import HEARTBEAT_SECONDS, Event
+from .event_log import HEARTBEAT_SECONDS
 from .network_routes import summary_of
 from .site import Site
 
@@ -66,23 +65,14 @@ async def events(
     wanted = None if network is None else site.ids(network)
     last = last_event_id if last_event_id is not None else after
 
-    async def lines() -> AsyncIterator[str]:
-        yield "retry: 2000\n\n"
-        async for event in site.events.follow(last, wanted):
-            yield _beat() if event is None else _shown(event, names)
+    async def lines() -> AsyncIterator[bytes]:
+        yield b"retry: 2000\n\n"
+        async for piece in site.events.follow(last, wanted, names=names):
+            yield piece
 
     return StreamingResponse(
         lines(), media_type="text/event-stream", headers={"X-Accel-Buffering": "no"}
     )
-
-
-def _shown(event: Event, names: dict[int, str]) -> str:
-    data = json.dumps(event.shown(names), ensure_ascii=False)
-    return f"id: {event.id}\nevent: {event.kind}\ndata: {data}\n\n"
-
-
-def _beat() -> str:
-    return f"event: beat\ndata: {json.dumps({'at': clock.time()})}\n\n"
 
 
 @site_router.get("/instruments")

@@ -8,14 +8,17 @@ each ten minutes and compares it, C sinks by 4 mm in the middle, one reading in 
 A client follows all events. Every 20 000 readings a line has memory and CPU time of the service,
 size of the database and latency. At the end every reading that was acknowledged is recorded once,
 and is in the epoch of its time or was dropped with its journal; the memory has its slope over the
-last three quarters. ``--minutes`` ends the sending earlier.
+last three quarters. ``--minutes`` ends the sending earlier. With ``--slow 20`` so many followers
+read nothing from a third of the readings on, and catch up at the end: without gap, or they are told
+that events have left.
 
 ``--real --minutes 60`` plays the demonstration of a dam in real time: ``simulate-instrument`` has
 three total stations on TCP ports, each with a set of 18 targets in two faces every 20 s, and faults
 are switched on now and then; the site has epochs of ten minutes. Two pages of a browser are open,
 one with the verdicts as they arrive, one that goes from view to view; a client follows all events.
-Every 30 s a line has memory and CPU time of the service, events, readings, the memory of the pages
-and what they complain of. At the end every reading of the events is in an epoch.
+Every 30 s a line has memory and CPU time of the service, events and readings, and another one the
+memory of the pages and the number of their errors. At the end every reading of the events is in an
+epoch.
 """
 
 from __future__ import annotations
@@ -31,7 +34,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -40,11 +43,14 @@ from typing import Any
 import numpy as np
 
 import factorgraph_adj as fga
+from factorgraph_adj.site.client import ServiceAway
 from tests.benchmarks.site_load import Sender, cpu_seconds, resident_mb
 from tests.support.pages import chromium
 from tests.support.places import ROOT
+from tests.support.processes import HANGS
 from tests.support.site_processes import SiteProcess
 from tests.support.sites import BEGIN, HOUR, site_of, yard_of, yard_site
+from tests.support.slow_followers import SlowFollower
 
 FAULTS = (
     "gross-error target=D3 reading=zenith size_mgon=10",
@@ -82,15 +88,18 @@ class Follower:
     """Verdicts of these."""
     refused: list[Any] = field(default_factory=list)
     """Answers that refuse."""
+    lags: list[float] = field(default_factory=list)
+    """From when events were recorded to when they came, seconds."""
 
     def run(self) -> None:
         """Follow until the client is closed."""
-        with self.client:
+        with self.client, suppress(ServiceAway):  # it ends with the service
             for event in self.client.events():
                 if self.last is not None:
                     self.gaps += event.id - self.last - 1
                 self.last = event.id
                 self.kinds[event.kind] += 1
+                self.lags.append(time.time() - event.data["at"])
                 if event.kind == "arrival":
                     told = event.data.get("verdicts", [event.data])
                     self.readings += len(told)
@@ -235,7 +244,7 @@ class Soak:
                         self.wrong.append(answer)
         sender.connection.close()
 
-    def run(self, folder: Path, *, minutes: float, every: int) -> None:
+    def run(self, folder: Path, *, minutes: float, every: int, slow: int) -> None:
         """Serve the yard, send, and print lines."""
         yard_site(folder, epochs=f"{EPOCH:g} s", more=TABLES)
         text = (folder / "site.toml").read_text()
@@ -252,14 +261,18 @@ class Soak:
         for sender in senders:
             sender.start()
         due, before = every, 0.0
+        stalled: list[SlowFollower] = []
         while any(s.is_alive() for s in senders):
             time.sleep(0.1)
             done = int(np.count_nonzero(self.acknowledged))
+            if slow and not stalled and done >= self.observations // 3:
+                stalled = [SlowFollower(site.port, after=follower.last or 0) for _ in range(slow)]
             if done < due:
                 continue
             due += every
             with self.lock:
                 ms, self.latencies = 1e3 * np.array(self.latencies), []
+            lags, follower.lags = follower.lags, []
             cpu = cpu_seconds(process)
             self.rows.append((done, resident_mb(process)))
             size = sum(f.stat().st_size for f in folder.glob("site.sqlite*")) / 2**20
@@ -267,12 +280,15 @@ class Soak:
                 f"{now()} {time.monotonic() - begun:.0f} s: {done} readings, hour "
                 f"{(self.time(done) - BEGIN) / HOUR:.1f}, RSS {self.rows[-1][1]:.1f} MiB, database "
                 f"{size:.0f} MiB, request to answer median {np.median(ms):.0f} ms, 99 % "
-                f"{np.quantile(ms, 0.99):.0f} ms, CPU {1e3 * (cpu - before) / every:.2f} ms a "
-                f"reading; events {sum(follower.kinds.values())}, gaps {follower.gaps}, epochs "
+                f"{np.quantile(ms, 0.99):.0f} ms, to the follower median "
+                f"{1e3 * np.median(lags):.0f} ms, slow ones {len(stalled)}, CPU "
+                f"{1e3 * (cpu - before) / every:.2f} ms a reading; events "
+                f"{sum(follower.kinds.values())}, gaps {follower.gaps}, epochs "
                 f"{follower.kinds['epoch']}, alarms {follower.kinds['alarm']}",
                 flush=True,
             )
             before = cpu
+        self.let_catch_up(stalled, follower.last or 0)
         with fga.site.Client(site.url) as client:
             while any(e["state"] == "open" for e in client.epochs("yard")):
                 client.close_epoch("yard")
@@ -281,6 +297,20 @@ class Soak:
         site.stop()
         assert not self.wrong, self.wrong[:3]
         assert not follower.gaps
+
+    def let_catch_up(self, stalled: list[SlowFollower], last: int) -> None:
+        """Let followers read on until an event, and compare what they got."""
+        for one in stalled:
+            begun = time.monotonic()
+            one.read(last, HANGS)
+            whole = [*range(one.numbers[0], one.numbers[-1] + 1)]
+            assert one.lost or one.numbers == whole
+            said = f"told {one.lost} times that events have left" if one.lost else "without gap"
+            print(
+                f"a follower that read nothing: {len(one.numbers)} events {said} in "
+                f"{time.monotonic() - begun:.1f} s"
+            )
+            one.close()
 
     def assert_everything_is_there(self, folder: Path) -> None:
         """Compare the database with what was acknowledged."""
@@ -408,32 +438,45 @@ def real_time(folder: Path, *, minutes: float, interval: float, sight: float) ->
         watching, walking = Page(browser.new_page()), Page(browser.new_page())
         watching.page.goto(f"{site.url}#/dam/verdicts")
         walking.page.goto(f"{site.url}#/dam/overview")
-        begun, fault, line = time.monotonic(), FAULT_SECONDS, LINE_SECONDS
-        number = 0
-        before = cpu_seconds(site.process.pid)
-        while (at := time.monotonic() - begun) < 60.0 * minutes:
-            # Playwright hands over events of the page only while one of its calls runs.
-            watching.page.wait_for_timeout(500)
-            if at >= fault:
-                simulation.stdin.write(FAULTS[number % len(FAULTS)] + "\n")
-                simulation.stdin.flush()
-                number, fault = number + 1, fault + FAULT_SECONDS
-            if at >= line:
-                walking.page.evaluate(
-                    f"location.hash = '#/dam/{VIEWS[int(line / 30) % len(VIEWS)]}'"
-                )
-                walking.page.wait_for_timeout(1000)
-                cpu = cpu_seconds(site.process.pid) - before
-                print(
-                    f"{now()} {at / 60:5.1f} min RSS {resident_mb(site.process.pid):.1f} MiB CPU "
-                    f"{cpu:.1f} s; events {sum(follower.kinds.values())} {dict(follower.kinds)} "
-                    f"gaps {follower.gaps}; readings {follower.readings} {dict(follower.verdicts)} "
-                    f"refused {len(follower.refused)}; faults {number}; pages "
-                    f"{watching.memory()}, {walking.memory()}; errors "
-                    f"{len(watching.said)}, {len(walking.said)}",
-                    flush=True,
-                )
-                line += LINE_SECONDS
+        over, begun = threading.Event(), time.monotonic()
+        process, before = site.process.pid, cpu_seconds(site.process.pid)
+
+        def attend() -> None:
+            """Switch faults on and print lines; no browser that has no time holds this up."""
+            assert simulation.stdin is not None
+            number, fault, line = 0, FAULT_SECONDS, LINE_SECONDS
+            while not over.wait(0.5):
+                at = time.monotonic() - begun
+                if at >= fault:
+                    simulation.stdin.write(FAULTS[number % len(FAULTS)] + "\n")
+                    simulation.stdin.flush()
+                    number, fault = number + 1, fault + FAULT_SECONDS
+                if at >= line:
+                    print(
+                        f"{now()} {at / 60:5.1f} min RSS {resident_mb(process):.1f} MiB CPU "
+                        f"{cpu_seconds(process) - before:.1f} s; events {dict(follower.kinds)}, "
+                        f"gaps {follower.gaps}; readings {follower.readings} "
+                        f"{dict(follower.verdicts)}, refused {len(follower.refused)}; faults "
+                        f"{number}",
+                        flush=True,
+                    )
+                    line += LINE_SECONDS
+
+        attendant = threading.Thread(target=attend)
+        attendant.start()
+        stack.callback(over.set)
+        for view in itertools.cycle(VIEWS):
+            if (at := time.monotonic() - begun) >= 60.0 * minutes:
+                break
+            walking.page.evaluate(f"location.hash = '#/dam/{view}'")
+            walking.page.wait_for_timeout(1000.0 * min(LINE_SECONDS, 60.0 * minutes - at))
+            print(
+                f"{now()} pages {watching.memory()}, {walking.memory()}; errors "
+                f"{len(watching.said)}, {len(walking.said)}",
+                flush=True,
+            )
+        over.set()
+        attendant.join()
         for said in (*watching.said[:20], *walking.said[:20]):
             print("page:", said)
         for answer in follower.refused[:20]:
@@ -456,6 +499,7 @@ def main() -> None:
     parser.add_argument("--observations", type=int, default=1_000_000)
     parser.add_argument("--hours", type=float, default=24.0)
     parser.add_argument("--every", type=int, default=20_000, help="readings from line to line")
+    parser.add_argument("--slow", type=int, default=0, help="followers that read nothing")
     parser.add_argument("--real", action="store_true")
     parser.add_argument("--minutes", type=float, help="of real time; the longest time at speed")
     parser.add_argument("--interval", type=float, default=20.0, help="real time: from set to set")
@@ -472,7 +516,9 @@ def main() -> None:
             )
             return
         soak = Soak(options.observations, options.hours)
-        soak.run(folder, minutes=options.minutes or float("inf"), every=options.every)
+        soak.run(
+            folder, minutes=options.minutes or float("inf"), every=options.every, slow=options.slow
+        )
         soak.print_slope()
         soak.assert_everything_is_there(folder)
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import asyncio
 import time
 
-from factorgraph_adj.site.client import Client
+from factorgraph_adj.site.client import Client, _events
+from factorgraph_adj.site.event_log import EventLog
 from factorgraph_adj.site.retention import Retention
 from factorgraph_adj.site.retention_settings import DAY_S, RetentionSettings
 from tests.networks.yard import ARRIVALS
@@ -13,6 +14,12 @@ from tests.support.processes import HANGS
 from tests.support.site_processes import SiteProcess
 from tests.support.sites import site_of, yard_of, yard_site
 from tests.support.slow_followers import SlowFollower
+
+
+def parsed(piece):
+    """Return the events of a text of server-sent events."""
+    return [e for e in _events(iter(piece.decode().splitlines())) if e is not None]
+
 
 LONG = "i" * 40_000
 """Begin of the ids of readings, whose events are thus long: sockets do not hold them all."""
@@ -55,7 +62,7 @@ def test_a_follower_is_told_when_events_left_before_it_read_them(tmp_path):
             live.submit(record).result(HANGS)
 
         async def followed():
-            follower = site.events.follow(0)
+            follower = site.events.follow(0, names={live.id: "yard"})
             first = await anext(follower)
             # It has one page of events in hand; what comes after that page leaves meanwhile.
             for n in range(2):
@@ -63,15 +70,39 @@ def test_a_follower_is_told_when_events_left_before_it_read_them(tmp_path):
                 await asyncio.to_thread(live.submit(record).result, HANGS)
             kept = Retention(RetentionSettings(events=DAY_S), site.database, [live])
             await asyncio.to_thread(kept.apply, time.time() + 2 * DAY_S)
-            out = [first]
-            while out[-1].kind != "hello":
-                out.append(await asyncio.wait_for(anext(follower), HANGS))
+            told = await asyncio.wait_for(anext(follower), HANGS)
             live.submit({**ARRIVALS[4], "id": "last"})
-            out.append(await asyncio.wait_for(anext(follower), HANGS))
-            return out
+            return first, told, await asyncio.wait_for(anext(follower), HANGS)
 
-        *before, told, after = asyncio.run(followed())
+        first, told, after = (parsed(piece) for piece in asyncio.run(followed()))
     number = len(ARRIVALS)
-    assert [e.id for e in before] == list(range(1, number + 1))
-    assert told.data == {"lost": True} and told.id == number + 2
-    assert after.id == number + 3 and after.data["id"] == "last"
+    assert [event.id for event in first] == list(range(1, number + 1))
+    assert [(event.id, event.data["lost"]) for event in told] == [(number + 2, True)]
+    assert [(event.id, event.data["id"]) for event in after] == [(number + 3, "last")]
+    assert {event.data["network"] for event in (*first, *after)} == {"yard"}
+
+
+def test_followers_that_wait_for_the_same_events_share_one_reading(tmp_path, monkeypatch):
+    read, of_log = [], EventLog._rows_after
+
+    def counted(self, *asked):
+        read.append(asked)
+        return of_log(self, *asked)
+
+    monkeypatch.setattr(EventLog, "_rows_after", counted)
+    with site_of(tmp_path) as site:
+        live = yard_of(site)
+
+        async def all_followed():
+            followers = [site.events.follow(0, names={live.id: "yard"}) for _ in range(20)]
+            pieces = [asyncio.create_task(anext(f)) for f in followers]
+            await asyncio.sleep(0.5)  # all wait
+            leaves = pieces.pop()
+            leaves.cancel()
+            read.clear()
+            await asyncio.to_thread(live.submit(ARRIVALS[0]).result, HANGS)
+            return await asyncio.gather(*pieces)
+
+        pieces = asyncio.run(all_followed())
+    assert [[e.data["id"] for e in parsed(piece)] for piece in pieces] == [["r1"]] * 19
+    assert len(read) <= 2
