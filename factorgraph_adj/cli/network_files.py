@@ -54,13 +54,34 @@ def add_check(parser: argparse.ArgumentParser) -> None:
 
 
 def _check(options: argparse.Namespace) -> int:
+    from ..site.site_file import is_site
+
     try:
+        if options.read_as is None and is_site(options.project):
+            return _check_site(options)
         project = read_input(options)
     except InputError as error:
         print_problems(error.problems, every=options.all)
         _hint_at_plan(options, len(error.problems))
         return EXIT_BAD_INPUT
     return check_project(project, every=options.all)
+
+
+def _check_site(options: argparse.Namespace) -> int:
+    """Print the doubts of a site file and of its projects; return an exit code."""
+    from .site_service import checked_site
+
+    projects, warnings = checked_site(options.project, allow_outside=options.allow_outside)
+    for line in problem_lines(warnings, every=options.all):
+        print(line)
+    codes = [EXIT_DOUBTFUL if warnings else EXIT_FINE]
+    for project in projects:
+        network = project.network
+        if network.observations or network.n_image_points:
+            codes.append(check_project(project, every=options.all))
+        else:
+            print(f"{network.name}: {len(network.points)} points, and no readings yet")
+    return max(codes)
 
 
 def check_project(project: Project, *, every: bool = False) -> int:

@@ -9,7 +9,9 @@ import webbrowser
 from threading import Timer
 
 from ..errors import InputError, Problem, system_reason
-from .messages import EXIT_FINE
+from ..io.project import Project
+from ..io.readers import READERS
+from .messages import EXIT_FINE, print_warnings
 
 DEFAULT_PORT = 8437
 """Port of the service where none is stated."""
@@ -77,6 +79,7 @@ def _serve(options: argparse.Namespace) -> int:
     port = listening.getsockname()[1]
     address = f"{scheme}://{options.host}:{port}/"
     print(f"{settings.name}: {address}", flush=True)
+    print_warnings(site.unknown_points())
     if not options.no_browser:
         Timer(1.0, webbrowser.open, (address,)).start()
     config = uvicorn.Config(
@@ -90,6 +93,28 @@ def _serve(options: argparse.Namespace) -> int:
     )
     uvicorn.Server(config).run(sockets=[listening])
     return EXIT_FINE
+
+
+def checked_site(path: str, *, allow_outside: bool) -> tuple[list[Project], list[Problem]]:
+    """Return the projects of a site, and names and patterns of its file that match nothing.
+
+    Args:
+        path: a site file, or a folder that has one.
+        allow_outside: whether projects may name files elsewhere.
+
+    Raises:
+        InputError: problems of the site file or of a project.
+    """
+    from ..site.site_file import read_site
+    from ..site.unknown_points import unknown_points
+
+    settings = read_site(path)
+    projects = {
+        n.name: READERS.load(str(n.project), allow_outside=allow_outside, options={})
+        for n in settings.networks
+    }
+    points = {name: list(project.network.points) for name, project in projects.items()}
+    return list(projects.values()), unknown_points(settings, points)
 
 
 def _socket(host: str, port: int) -> socket.socket:

@@ -25,7 +25,7 @@ class EpochSchedule:
     """Length of an epoch, seconds; None: epochs have no length."""
     sets: int | None = None
     """Sets that each instrument that posts sets must have posted, with which the epoch ends; None:
-    sets are not counted. A service that begins again counts from its begin."""
+    sets are not counted."""
 
     @classmethod
     def of(cls, text: str) -> EpochSchedule:

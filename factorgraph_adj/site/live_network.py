@@ -35,7 +35,7 @@ from .database import Database, DatabaseAway
 from .epoch_results import epoch_result, record_result
 from .epoch_survey import surveyed
 from .live_epochs import LiveEpoch, LiveEpochs
-from .measured_sets import refuse_measured_twice
+from .measured_sets import refuse_measured_twice, sets_of_epoch
 from .network_clock import NetworkClock
 from .posting_transactions import Batch, Task
 from .postings import QUERIES, OtherRequest, Posting, named_ids, recorded_requests, repeated_answer
@@ -120,10 +120,20 @@ class LiveNetwork:
         task = Task(dict(record), who, clock.time(), Future())
         return self._submit(task)
 
-    def close_epoch(self, who: str = "") -> Future[Answer]:
-        """End the present epoch; the answer has its result."""
-        task = Task({"do": "close epoch"}, who, clock.time(), Future())
-        return self._submit(task)
+    def close_epoch(self, who: str = "", number: int | None = None) -> Future[Answer]:
+        """End the present epoch; the answer has its result.
+
+        Args:
+            who: who ends it.
+            number: its number, where another epoch that has begun meanwhile is not meant.
+        """
+        record = {"do": "close epoch", "number": number}
+        return self._submit(Task(record, who, clock.time(), Future()))
+
+    def present_sets(self) -> tuple[int, dict[str, int]]:
+        """Return the number of the present epoch, and how many sets each instrument has there."""
+        with self.reading() as epoch:
+            return epoch.number, sets_of_epoch(self._database, self.id, epoch.number)
 
     def drop_readings(self, before: float) -> list[int]:
         """Take out the readings of closed epochs that ended before a time; return their numbers.
@@ -313,8 +323,9 @@ class LiveNetwork:
         task, do, time = lot[0].task, lot[0].do, max(posting.time for posting in lot)
         if do == "close epoch":
             epoch = self._epochs.present
-            if epoch.state != "open":
-                raise InputError(f"epoch {epoch.number} is closed already")
+            asked = lot[0].record.get("number")
+            if epoch.state != "open" or asked not in (None, epoch.number):
+                raise InputError(f"epoch {asked or epoch.number} is closed already")
             result = self._close(epoch, batch)
             batch.actions.append(task.action(do, {"epoch": epoch.number}))
             return [{"line": line, "ok": True, **epoch.summary(), "result": result}]

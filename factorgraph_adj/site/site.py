@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from contextlib import suppress
 from typing import Any
 
-from ..errors import InputError, known
+from ..errors import InputError, Problem, known
 from ..io.project import Project
 from ..io.readers import READERS
 from ..version import __version__
@@ -22,6 +22,7 @@ from .live_network import LiveNetwork
 from .retention import Retention
 from .site_file import SiteSettings
 from .site_instruments import SiteInstruments
+from .unknown_points import unknown_points
 
 
 class NoSuchThing(InputError):
@@ -76,8 +77,18 @@ class Site:
             self.database.close()
             raise
 
+    def unknown_points(self) -> list[Problem]:
+        """Return names and patterns of the site file that match nothing that is there."""
+        points: dict[str, list[str]] = {}
+        for name, network in self.networks.items():
+            with network.reading() as epoch:
+                points[name] = list(epoch.stream.adjustment.entities.points)
+        return unknown_points(self.settings, points)
+
     def start(self) -> None:
         """Begin to take postings."""
+        for problem in self.unknown_points():
+            self._tell_problem(str(problem))
         for network in self.networks.values():
             network.start()
         self.instruments.start()

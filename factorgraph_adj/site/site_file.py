@@ -166,6 +166,18 @@ def _is_site(path: Path) -> bool:
     return "site" in document or "network" in document
 
 
+def is_site(path: str | Path) -> bool:
+    """Return whether a path is a site file, or a folder that has one.
+
+    Raises:
+        InputError: the file is no TOML.
+    """
+    path = Path(path)
+    if path.is_dir():
+        return (path / SITE_FILE).exists()
+    return path.suffix == ".toml" and path.exists() and _is_site(path)
+
+
 def _site_of_project(path: Path) -> SiteSettings:
     """Return the site of one project, with its database beside it."""
     folder = path if path.is_dir() else path.parent

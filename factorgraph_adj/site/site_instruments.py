@@ -54,7 +54,7 @@ class SiteInstruments:
             )
             for s in settings
         }
-        self._sets, self._lock = dict.fromkeys(self._instruments, 0), Lock()
+        self._lock = Lock()
         self._stop = Event()
         self._threads = [
             Thread(target=self._run, args=(i,), name=f"instrument {name}", daemon=True)
@@ -118,27 +118,27 @@ class SiteInstruments:
             raise ConnectionError(str(error)) from None
         if not answer["ok"]:
             raise InputError([Problem(e["what"], e["where"]) for e in answer["error"]])
-        if not answer.get("repeated"):
-            self._count_set(instrument)
+        self._end_by_sets(instrument)
 
-    def _count_set(self, instrument: Instrument) -> None:
-        """End the epoch of a network whose epochs are counted in sets, when the last one came."""
+    def _end_by_sets(self, instrument: Instrument) -> None:
+        """End the epoch of a network whose epochs are counted in sets, when the last one came.
+
+        The sets are counted in the database, so that those from before a restart count too.
+        """
         name = instrument.settings.network
         network = self._networks[name]
         wanted = network.settings.epochs.sets
         if wanted is None or instrument.settings.post != "sets":
             return
         with self._lock:
-            self._sets[instrument.settings.name] += 1
             own = [
                 i.settings.name
                 for i in self._instruments.values()
                 if i.settings.network == name and i.settings.post == "sets"
             ]
-            if min(self._sets[n] for n in own) < wanted:
-                return
-            self._sets.update(dict.fromkeys(own, 0))
-        network.close_epoch(instrument.settings.name).result(POSTED_SECONDS)
+            number, counts = network.present_sets()
+            if min(counts.get(n, 0) for n in own) >= wanted:
+                network.close_epoch(instrument.settings.name, number).result(POSTED_SECONDS)
 
     def _watch(self) -> None:
         """Tell changes of health."""

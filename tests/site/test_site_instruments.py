@@ -133,3 +133,18 @@ def test_an_epoch_ends_with_the_last_set_of_the_instrument(tmp_path):
         with file.open("ab") as stream:
             stream.write("".join([*SIGHT, *SIGHT]).encode())
         until(lambda: (2, "closed") in states())
+
+
+def test_sets_from_before_a_restart_count(tmp_path):
+    sets = INSTRUMENT.replace('post = "sights"', 'post = "sets"\ntargets = ["B", "C"]')
+    file = tmp_path / "level.gsi"
+    file.write_bytes("".join(SIGHT).encode())
+    options = {"epochs": "2 sets", "more": sets}
+    with served(tmp_path, **options) as client:
+        until(lambda: client.get("/api/v1/instruments").json()[0]["postings"] == 1)
+        until(lambda: client.get(ADDRESS).json()["counts"]["observations"])
+        assert [e["state"] for e in client.get(f"{ADDRESS}/epochs").json()] == ["open"]
+    with served(tmp_path, **options) as client:
+        with file.open("ab") as stream:
+            stream.write("".join(SIGHT).encode())
+        until(lambda: client.get(f"{ADDRESS}/epochs").json()[0]["state"] == "closed")
