@@ -4,7 +4,8 @@ A site often begins in the middle of an epoch, and its points are observed one a
 an epoch has fewer points or readings than the next one; as reference, its errors would be in all
 displacements for years. Without a statement, the reference is therefore the first epoch that has at
 least as many points as the next one, and `PART_OF_NEXT` of its readings. Later epochs do not change
-it.
+it. Epochs that end by hand or with the last set are as whole as somebody wanted them: there the
+first one is the reference.
 """
 
 from __future__ import annotations
@@ -37,13 +38,14 @@ class ReferenceEpoch:
 
 
 def reference_epoch(
-    results: Mapping[int, Mapping[str, Any]], stated: int | None
+    results: Mapping[int, Mapping[str, Any]], stated: int | None, *, timed: bool
 ) -> ReferenceEpoch | None:
     """Return the reference epoch; None: no epoch has an estimate yet.
 
     Args:
         results: results of epochs by number; those without an estimate do not count.
         stated: number that the site file states; where that epoch has no estimate, the next one.
+        timed: whether epochs have a length.
     """
     numbers = sorted(
         n for n, r in results.items() if r.get("estimate") and (stated is None or n >= stated)
@@ -54,8 +56,9 @@ def reference_epoch(
         a: _is_poorer(results[a]["estimate"], results[b]["estimate"]) for a, b in pairwise(numbers)
     }
     first = numbers[0]
-    if stated is not None:
-        return ReferenceEpoch(first, "stated", poorer.get(first, False))
+    if stated is not None or not timed:
+        why: Why = "first" if stated is None else "stated"
+        return ReferenceEpoch(first, why, poorer.get(first, False))
     whole = next(n for n in numbers if not poorer.get(n, False))
     return ReferenceEpoch(whole, "first" if whole == first else "whole")
 

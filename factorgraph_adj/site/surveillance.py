@@ -97,7 +97,8 @@ class Surveillance:
         records[epoch.number] = new
         self._monitor, self._seen = self._begun(), []
         found: dict[int, Findings] = {}
-        self.reference = reference_epoch(records, self.settings.reference)
+        timed = self.settings.epochs.length is not None
+        self.reference = reference_epoch(records, self.settings.reference, timed=timed)
         first = np.inf if self.reference is None else self.reference.number
         for number in sorted(n for n, r in records.items() if r.get("estimate") and n >= first):
             found[number] = self._monitor.add(EpochEstimate.from_json(records[number]["estimate"]))

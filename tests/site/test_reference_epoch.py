@@ -34,7 +34,12 @@ def results(*of: tuple[int, int] | None) -> dict[int, dict]:
     ],
 )
 def test_the_reference_is_the_first_epoch_that_is_as_good_as_the_next(epochs, stated, expected):
-    assert reference_epoch(results(*epochs), stated) == expected
+    assert reference_epoch(results(*epochs), stated, timed=True) == expected
+
+
+def test_an_epoch_that_somebody_ended_is_the_reference_and_its_poverty_is_told():
+    poor = results((2, 10), (3, 100))
+    assert reference_epoch(poor, None, timed=False) == ReferenceEpoch(1, "first", poorer=True)
 
 
 def post(client, hour, part=range(8)):
