@@ -35,7 +35,7 @@ def posted(live, *records):
 def test_what_was_acknowledged_is_there_after_a_restart(tmp_path):
     with site_of(tmp_path) as site:
         answers = posted(yard_of(site), *ARRIVALS)
-        assert all(a["ok"] for a in answers)
+        assert all(a["ok"] for a in answers), answers
         with yard_of(site).reading() as epoch:
             before = epoch.stream.adjustment.estimate("C")
     with site_of(tmp_path) as site, yard_of(site).reading() as epoch:
@@ -253,6 +253,30 @@ def test_a_late_reading_opens_its_epoch_again(tmp_path):
         assert rows[1]["result"]["counts"]["observations"] == len(ARRIVALS) + 1
         with live.reading(1) as epoch:
             assert len(epoch.stream.adjustment) == len(ARRIVALS) + 1
+
+
+def test_an_epoch_tells_that_a_wrong_first_reading_lets_correct_ones_be_rejected(tmp_path):
+    direction, zenith, distance = BARE[1], BARE[2], BARE[3]
+    at = BEGIN + 60.0
+    wrong = {**distance, "value": distance["value"] + 0.2, "id": "wrong"}
+    with site_of(tmp_path, epochs="1 h") as site:
+        live = yard_of(site)
+        for record in (BARE[0], direction, zenith, wrong, *[distance] * 4):
+            posted(live, {**record, "time": at})  # one after the other
+        result = live.close_epoch().result(30)["result"]
+        (doubt,) = result["doubts"]
+        assert doubt.startswith("4 of 7 readings of C were rejected")
+        assert result["counts"]["doubts"] == 1
+        with live.reading(1) as epoch:
+            ids = [v.id for v in epoch.stream.adjustment.rejected]
+        commands = {"do": "accept", "ids": ids}, {"do": "snoop"}
+        # What the doubt says to do: the correct ones come back, the wrong one leaves.
+        answers = posted(live, *({**c, "time": at} for c in commands))
+        assert all(a["ok"] for a in answers), answers
+        live.close_stale()
+        with live.reading(1) as epoch:
+            assert [v.id for v in epoch.stream.adjustment.rejected] == ["wrong"]
+        assert not live.epochs(results=True)[1]["result"]["doubts"]
 
 
 def test_late_readings_of_an_epoch_are_taken_though_sets_are_retired(tmp_path):
