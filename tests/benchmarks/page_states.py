@@ -137,10 +137,14 @@ def main() -> None:
                 except Exception as error:  # a state that does not come about is a finding
                     found = [f"did not come about: {str(error).splitlines()[0]}"]
                 for what in dict.fromkeys(found):
-                    told.setdefault(what, []).append(f"{state.name} ({look.name})")
+                    place = f"{state.name} ({look.name})"
+                    if what not in told:
+                        print(f"{place}: {what}", flush=True)
+                    told.setdefault(what, []).append(place)
     n = sum(sheets(options.folder, look) for look in looks)
     for what, where in told.items():
-        print(f"{what}\n    {len(where)}: {', '.join(where[:6])}")
+        if len(where) > 1:
+            print(f"{len(where)} times: {what}")
     wrong = len({place for where in told.values() for place in where})
     print(f"{n} pictures; {wrong} of {len(states) * len(looks)} looked at now have findings")
 

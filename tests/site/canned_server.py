@@ -47,6 +47,8 @@ def application(site: CannedSite, *, tokens: bool) -> Any:
     from starlette.responses import JSONResponse, Response, StreamingResponse
     from starlette.routing import Route
 
+    from factorgraph_adj.site.site_routes import kind_names
+
     def role(request: Any) -> str | None:
         if not tokens:
             return "admin"
@@ -223,6 +225,7 @@ def application(site: CannedSite, *, tokens: bool) -> Any:
                 "role": role(r),
                 "tokens": tokens,
                 "beat_s": BEAT,
+                "kinds": kind_names(),
                 "networks": [m.summary() for m in site.networks.values()],
             },
         ),

@@ -91,7 +91,7 @@ class CannedNetwork:
             "policy": "flag",
             "alpha": 0.001,
             "critical_w": CRITICAL,
-            "datum": "fixed points",
+            "datum": "given",
             "crs": None,
             "dimension": 3,
             "last_arrival": time() - 3,

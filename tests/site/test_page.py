@@ -395,7 +395,7 @@ def test_the_page_of_a_point_has_all_of_it(browser, server):
     with visit(browser, server, at="#/small/points/D3") as v:
         v.sees("#view", "Protection level, risk 0.001")
         v.sees("[data-figure=protection] dd", "horizontal 7.1 mm, vertical 9.3 mm")
-        v.sees("#view", "least controlled: slope_distance P1 D3")
+        v.sees("#view", "least controlled: slope distance P1 D3")
         v.sees("#view", "Error of position now 1.80 mm")
         v.sees("#view li", "P2 → D3")
         v.sees("#view li", "then 1.24 mm, gain 31.0 %")

@@ -108,7 +108,7 @@ def test_verdicts_of_the_service_are_seen_and_decided(browser, yard):
             v.sees(f"{mine}[data-verdict=rejected]")
         one.sees(f"{mine} .why", "exceeds 1")
         two.sees(f"{mine} .why", "überschreitet 1")
-        two.sees(f"{mine} .note", "Schrägstrecke")
+        two.sees(f"{mine} strong", "Schrägstrecke")
         one.page.locator(f"{mine} [data-act=accept]").click()
         one.sees("#say", "is accepted")
         two.sees(f"{mine}[data-now=accepted]")

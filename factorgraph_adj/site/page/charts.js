@@ -8,6 +8,14 @@ export const axis = (more = {}) => ({
   exponentformat: "none", separatethousands: false, automargin: true, ...more,
 });
 
+// Times as everywhere on the page, in figures: names of months would be English.
+export const timeAxis = (more = {}) => axis({
+  type: "date", tickformatstops: [
+    { dtickrange: [null, 60e3], value: "%H:%M:%S\n%m-%d" }, { dtickrange: [60e3, 864e5], value: "%H:%M\n%m-%d" },
+    { dtickrange: [864e5, "M1"], value: "%m-%d\n%Y" }, { dtickrange: ["M1", null], value: "%Y-%m" },
+  ], ...more,
+});
+
 const layoutOf = (more) => ({
   autosize: true, paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
   font: { color: colour("ink"), size: 12, family: "system-ui, DejaVu Sans, sans-serif" },

@@ -1,6 +1,6 @@
 // Epochs with their congruence tests, and σ̂0 and variance components over time.
 import { request } from "./api.js";
-import { axis, chart, local, plain } from "./charts.js";
+import { axis, chart, local, plain, timeAxis } from "./charts.js";
 import { ask, button, colour, figures, fill, h } from "./dom.js";
 import { fixed, isNumber, kindName, metres, moment, stamp, t, word } from "./language.js";
 import { here, watch } from "./live.js";
@@ -67,7 +67,7 @@ function componentsFigure(found) {
       line: { color: COLOURS[i % COLOURS.length], width: 1.4, dash: ["solid", "dash", "dot"][i % 3] }, marker: { symbol: SYMBOLS[i % SYMBOLS.length], size: 6 },
     })),
   ];
-  return { data, layout: { xaxis: axis({ type: "date" }), yaxis: axis({ title: { text: t("factor_sigma") }, rangemode: "tozero" }), shapes: [{ type: "line", xref: "paper", x0: 0, x1: 1, y0: 1, y1: 1, line: { color: colour("soft"), dash: "dot" } }] } };
+  return { data, layout: { xaxis: timeAxis(), yaxis: axis({ title: { text: t("factor_sigma") }, rangemode: "tozero" }), shapes: [{ type: "line", xref: "paper", x0: 0, x1: 1, y0: 1, y1: 1, line: { color: colour("soft"), dash: "dot" } }] } };
 }
 
 // Components of a motion with σ, those that are determined.

@@ -43,6 +43,11 @@ export const word = (group, value) => {
   const key = `${group}_${value}`;
   return catalogues[current][key] ?? String(value ?? "–").replaceAll("_", " ");
 };
+// The name of a reading, which has its kind as files state it.
+export const labelText = (label) => {
+  let found = false;
+  return label.replace(/[a-z0-9_]+/g, (w) => (found || !Object.hasOwn(kinds, w) ? w : ((found = true), kindName(w))));
+};
 export const kindName = (kind) => kinds[kind]?.[current] ?? String(kind ?? "–").replaceAll("_", " ");
 
 // -- numbers ----------------------------------------------------------------------------------

@@ -1,9 +1,11 @@
 // One observation with its verdict, its reasons and what may be done with it.
 import { command } from "./api.js";
 import { ask, button, fill, h } from "./dom.js";
-import { fixed, kindName, moment, significant, t } from "./language.js";
+import { fixed, kindName, labelText, moment, significant, t } from "./language.js";
 import { context } from "./live.js";
 import { act, may, pill } from "./parts.js";
+
+const nameOf = (v) => (v.label ? labelText(v.label) : `${kindName(v.kind)} ${v.id}`);
 
 const listed = (lacks) => (Array.isArray(lacks) ? lacks.join("; ") : lacks ?? "");
 
@@ -31,7 +33,7 @@ export function reasonsOf(v) {
 const ACTS = { suspect: ["accept", "reject", "replace"], rejected: ["accept"], accepted: ["remove", "sigma", "replace"], waiting: ["remove"] };
 
 async function run(row, what, v, done) {
-  const id = v.id, name = v.label ?? `${id}`;
+  const id = v.id, name = nameOf(v);
   if (what === "accept") return act(row, { do: "accept", ids: [id] }, () => (done("accepted"), t("accepted_done", { name })));
   if (what === "reject") return act(row, { do: "discard", ids: [id] }, () => (done("rejected"), t("rejected_done", { name })));
   if (what === "remove") {
@@ -51,11 +53,16 @@ async function run(row, what, v, done) {
 }
 
 const FIXED = new Set(["kind", "time", "request", "station", "target", "photo", "point", "do", "id", "set", "from", "to"]);
+// A field of a reading, with its unit.
+const fieldName = (key, v) => {
+  const of = /^sigma_(.+)$/.exec(key), unit = /\s(\S+)$/.exec(v.value ?? "")?.[1];
+  return of ? `σ [${of[1]}]` : key === "value" ? t("reading_value") + (unit ? ` [${unit}]` : "") : key.replaceAll("_", " ");
+};
 async function replace(row, v, name, done) {
   const editable = Object.entries(v.record).filter(([key, value]) => !FIXED.has(key) && typeof value !== "object");
   const given = await ask({
     title: t("replace_title", { name }), agree: t("replace"), cancel: t("cancel"),
-    content: [h("p", {}, t("replace_what")), editable.map(([key, value]) => h("label", { class: "field" }, key.replaceAll("_", " "), h("input", { name: key, value, required: true, inputmode: typeof value === "number" ? "decimal" : "text" })))],
+    content: [h("p", {}, t("replace_what")), editable.map(([key, value]) => h("label", { class: "field" }, fieldName(key, v), h("input", { name: key, value, required: true, inputmode: typeof value === "number" ? "decimal" : "text" })))],
     check: (form) => {
       const wrong = editable.filter(([key, value]) => typeof value === "number" && !Number.isFinite(Number(form.elements[key].value.replace(",", ".")))).map(([key]) => key);
       return wrong.length ? t("replace_wrong", { fields: wrong.join(", ") }) : null;
@@ -72,15 +79,15 @@ export function observationItem(v, { at, by, fresh = false, state } = {}) {
   const node = h("li", { class: `${v.verdict}${fresh ? " new" : ""}`, "data-id": v.id, "data-verdict": v.verdict });
   const present = h("span", {}), buttons = h("div", { class: "row" });
   fill(node,
-    h("div", { class: "head" }, pill(v.verdict), h("strong", { lang: v.label ? "en" : null }, v.label ?? `${kindName(v.kind)} ${v.id}`), present,
-      h("span", { class: "note" }, kindName(v.kind), at ? [" · ", moment(at, { withSeconds: true })] : null, by ? ` · ${by}` : null)),
+    h("div", { class: "head" }, pill(v.verdict), h("strong", {}, nameOf(v)), present,
+      h("span", { class: "note" }, [at ? moment(at, { withSeconds: true }) : null, by].filter(Boolean).map((part, i) => [i ? " · " : "", part]))),
     h("div", { class: "why" }, reasonsOf(v).map((r, i) => [i ? " · " : "", r])),
     buttons);
   const become = (now) => {
     node.dataset.now = now;
     fill(present, now !== v.verdict ? [h("span", { class: "unseen" }, `${t("by_now")} `), pill(now)] : null);
     const acts = may("surveyor") ? (ACTS[now] ?? []).filter((a) => a !== "replace" || v.record) : [];
-    fill(buttons, acts.map((a) => button(t(a), () => run(buttons, a, v, become), { "data-act": a, "aria-label": `${t(a)}: ${v.label ?? v.id}` })));
+    fill(buttons, acts.map((a) => button(t(a), () => run(buttons, a, v, become), { "data-act": a, "aria-label": `${t(a)}: ${nameOf(v)}` })));
     buttons.hidden = !acts.length;
   };
   become(state ?? v.verdict);

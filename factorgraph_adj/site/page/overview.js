@@ -1,7 +1,7 @@
 // The first view: the light with its reason, the figures, alarms and instruments.
 import { request } from "./api.js";
 import { ask, button, figures, fill, h } from "./dom.js";
-import { fixed, isNumber, moment, t, word } from "./language.js";
+import { fixed, isNumber, language, moment, t, word } from "./language.js";
 import { context, here, on, peek, watch } from "./live.js";
 import { act, link, may, part, pill } from "./parts.js";
 import { alarmSentence, alarmsOf, countsOf, instrumentsOf, light, sigma0Of } from "./state.js";
@@ -39,7 +39,7 @@ export function overview(root, _, signal) {
       s.photos ? [t("photos"), s.photos] : null,
       [t("epoch"), s.epoch ? [h("a", { href: link("epochs") }, s.epoch.number), ` ${word("state", s.epoch.state)}`, s.epoch.begin ? [`, ${t("since")} `, moment(s.epoch.begin)] : ""] : "–"],
       s.last_arrival ? [t("last_arrival"), moment(s.last_arrival, { withSeconds: true })] : null,
-    ]), h("p", { class: "note" }, t("settings_of", { policy: word("policy", s.policy), alpha: s.alpha ?? "–", datum: s.datum ?? "–", crs: s.crs ?? t("local") })));
+    ]), h("p", { class: "note" }, t("settings_of", { policy: word("policy", s.policy), alpha: s.alpha ?? "–", datum: word("datum", s.datum), crs: s.crs ?? t("local") })));
   };
 
   // What goes wrong beside the network, such as messages that could not be sent.
@@ -91,15 +91,16 @@ export function alarmItem(a) {
     a.latest && (isNumber(a.latest.size_mm) || isNumber(a.latest.value)) ? h("div", { class: "note" }, t("alarm_latest", {
       size: isNumber(a.latest.size_mm) ? `${fixed(a.latest.size_mm, 1)} mm, ` : "", value: fixed(a.latest.value, 2), limit: fixed(a.latest.limit, 2),
     })) : null,
-    a.text ? h("div", { class: "why", lang: "en" }, a.text) : null,
+    // The service says the same in English.
+    a.text && language() === "en" ? h("div", { class: "why" }, a.text) : null,
     a.revised ? h("div", { class: "note", lang: "en" }, a.revised) : null,
     h("div", { class: "why" }, [
-      isNumber(a.epoch) ? [t("epoch"), " ", h("a", { href: link("epochs", a.epoch) }, a.epoch), " · "] : null,
-      a.until ? [t("until"), " ", moment(a.until), " · "] : null,
-      isNumber(a.acknowledged) ? [word("state", "acknowledged"), " ", moment(a.acknowledged), " · "] : null,
-      a.state === "silenced" && a.silenced_until ? [t("silenced_until"), " ", moment(a.silenced_until), " · "] : null,
-      a.by ? `${t("by")} ${a.by} · ` : null,
-      a.false_alarms_per_month !== undefined && a.false_alarms_per_month !== null ? t("false_alarms", { rate: a.false_alarms_per_month }) : null,
-    ]),
+      isNumber(a.epoch) && [t("epoch"), " ", h("a", { href: link("epochs", a.epoch) }, a.epoch)],
+      a.until && [t("until"), " ", moment(a.until)],
+      isNumber(a.acknowledged) && [word("state", "acknowledged"), " ", moment(a.acknowledged)],
+      a.state === "silenced" && a.silenced_until && [t("silenced_until"), " ", moment(a.silenced_until)],
+      a.by && `${t("by")} ${a.by}`,
+      isNumber(a.false_alarms_per_month) && t("false_alarms", { rate: a.false_alarms_per_month }),
+    ].filter(Boolean).map((part, i) => [i ? " · " : "", part])),
     row.childElementCount ? row : null);
 }

@@ -11,6 +11,7 @@ const BATCH = 400; // shapes of one path: long paths are slow to fill and stroke
 const LEAST_APART = 14; // pixels between points below which ordinary ones have no names
 const LEAST_ELLIPSE = 2.5; // pixels; smaller ones say nothing
 const AROUND = 28;
+const MARGIN = 55; // pixels around the points of the whole plan
 const NICE = [1, 2, 5];
 
 // Classes of sights by |w|; each has a width and a dash of its own besides its colour.
@@ -67,7 +68,7 @@ export class Plan {
     this.points = p;
     this.bounds = null;
     this.chosen = name === null ? -1 : p.index.get(name) ?? -1;
-    if (first && n) { this.fit(); this.factor = this.autoFactor(); }
+    if (first && n) this.begin();
     this.redraw();
   }
 
@@ -114,7 +115,11 @@ export class Plan {
     this.redraw();
   }
 
-  setVectors(vectors) { this.vectors = vectors; this.redraw(); }
+  setVectors(vectors) {
+    this.vectors = vectors;
+    if (this.automatic) this.rescale();
+    this.redraw();
+  }
 
   // Mean distance between neighbours on the screen.
   apart() {
@@ -122,12 +127,21 @@ export class Plan {
     return area > 0 ? this.k * Math.sqrt(area / this.points.names.length) : Infinity;
   }
 
+  begin() { this.fit(); this.rescale(); }
+
+  // The window as it is, and a scale of ellipses and displacements that goes with it.
+  rescale() { this.automatic = true; this.factor = this.autoFactor(); this.redraw(); }
+  scale(up) { this.automatic = false; this.factor = niceBelow(this.factor * (up ? 2.5 : 0.5)); this.redraw(); }
+
   autoFactor() {
     const sizes = [...this.points.a].filter((a) => a > 0).sort((a, b) => a - b);
-    if (!sizes.length) return 1000;
-    const middle = sizes[Math.floor(sizes.length * 0.7)];
-    // Of many points, ellipses stay smaller than the distance to the next.
-    return Math.max(niceBelow(Math.min(26, Math.max(0.5 * this.apart(), 2)) / (this.k * middle)), 1);
+    const middle = sizes[Math.floor(sizes.length * 0.7)] ?? 0;
+    // Of many points, ellipses stay smaller than the distance to the next; arrows stay in the window,
+    // but not at the cost of ellipses that are points.
+    const ellipse = Math.min(26, Math.max(0.5 * this.apart(), 2)) / middle, least = Math.min(7 / middle, ellipse);
+    const longest = this.vectors.reduce((most, d) => Math.max(most, Math.hypot(d.dx ?? 0, d.dy ?? 0)), 0);
+    const best = Math.max(Math.min(ellipse, MARGIN / longest), middle ? least : 0);
+    return Number.isFinite(best) ? Math.max(Number((best / this.k).toPrecision(2)), 1) : 1000;
   }
 
   // -- window -----------------------------------------------------------------------------------
@@ -138,7 +152,7 @@ export class Plan {
     this.w = box.width; this.h = box.height; this.ratio = ratio;
     this.canvas.width = Math.round(box.width * ratio);
     this.canvas.height = Math.round(box.height * ratio);
-    if (!this.fitted && this.points.names.length) { this.fit(); this.factor = this.autoFactor(); }
+    if (!this.fitted && this.points.names.length) this.begin();
     this.draw();
   }
 
@@ -156,8 +170,8 @@ export class Plan {
     if (!(low[0] <= high[0]) || !this.w) return;
     this.fitted = true;
     this.cx = (low[0] + high[0]) / 2; this.cy = (low[1] + high[1]) / 2;
-    // Names stand at the right of points, bars of scale below.
-    const side = Math.min(55, 0.12 * this.w), above = 50, below = 75;
+    // Names and arrows stand beside points, bars of scale below.
+    const side = Math.min(MARGIN, 0.15 * this.w), above = MARGIN, below = 75;
     this.k = Math.min((this.w - 2 * side) / Math.max(high[0] - low[0], 1e-3), (this.h - above - below) / Math.max(high[1] - low[1], 1e-3));
     this.k = Math.max(this.k, 1e-6);
     this.cy += (above - below) / (2 * this.k);
@@ -522,7 +536,7 @@ export class Plan {
       const small = niceBelow(long / (this.k * this.factor));
       this.bars.small = lengthText(small);
       g.fillStyle = this.c.ink;
-      bar(small * this.k * this.factor, `${lengthText(small)} (${t(this.vectors.length ? "bar_both" : "bar_ellipses")} × ${+this.factor.toPrecision(3)})`, this.h - 46);
+      bar(small * this.k * this.factor, `${lengthText(small)} (${t(this.vectors.some((d) => isNumber(d.dx)) ? "bar_both" : "bar_ellipses")} × ${+this.factor.toPrecision(3)})`, this.h - 46);
     }
     if (this.stale) { g.fillStyle = this.c.amber; g.font = "600 14px system-ui, DejaVu Sans, sans-serif"; text(this.stale, this.w / 2, 26, "center"); }
   }

@@ -3,7 +3,7 @@ import { button, fill, h } from "./dom.js";
 import { fixed, isNumber, metres, mm, recall, remember, signed, stamp, t } from "./language.js";
 import { connection, here, on, peek, watch } from "./live.js";
 import { link, part, pointLink } from "./parts.js";
-import { Plan, SIGHTS, niceBelow } from "./plan.js";
+import { Plan, SIGHTS } from "./plan.js";
 import { axisName, coordinate, lengthUnit, placed, turned } from "./plane.js";
 import { pointSearch } from "./search.js";
 import { svg } from "./symbols.js";
@@ -45,7 +45,6 @@ function drawPlan(root, bar, first, signal) {
   const notice = part(null), noPlan = h("p", { class: "note" }, t("plan_heights_only"), " ", h("a", { href: link("points") }, t("view_points")));
   let points = [], read = false;
   const plan = new Plan(canvas, { chosen: describe, hovered: (name) => { if (told.dataset.name !== (name ?? "")) { told.dataset.name = name ?? ""; tell(); } }, drawn: () => tell() });
-  const scale = (up) => { plan.factor = niceBelow(plan.factor * (up ? 2.5 : 0.5)); plan.redraw(); };
   const box = h("div", { class: "planbox" }, canvas, told, card, h("div", { class: "zoom" },
     button("+", () => plan.zoom(1.5), { class: "icon", "aria-label": t("zoom_in"), title: t("zoom_in") }),
     button("−", () => plan.zoom(1 / 1.5), { class: "icon", "aria-label": t("zoom_out"), title: t("zoom_out") }),
@@ -60,8 +59,8 @@ function drawPlan(root, bar, first, signal) {
   });
   const settings = h("details", { open: matchMedia("(min-width: 60rem)").matches }, h("summary", {}, t("plan_settings")),
     h("div", { class: "row" }, toggles, h("span", { class: "row", role: "group", "aria-label": t("ellipse_scale") }, t("ellipse_scale"),
-      button("−", () => scale(false), { class: "icon", "aria-label": t("ellipse_smaller") }), button("+", () => scale(true), { class: "icon", "aria-label": t("ellipse_larger") }),
-      button(t("ellipse_auto"), () => { plan.factor = plan.autoFactor(); plan.redraw(); })),
+      button("−", () => plan.scale(false), { class: "icon", "aria-label": t("ellipse_smaller") }), button("+", () => plan.scale(true), { class: "icon", "aria-label": t("ellipse_larger") }),
+      button(t("ellipse_auto"), () => plan.rescale())),
     h("label", {}, t("vectors_of"), epochs)));
   const keys = h("p", { class: "note", id: "plan-keys" }, t("plan_keys")), symbols = legend();
   const drawn = [search, box, keys, symbols, settings];

@@ -1,7 +1,7 @@
 // The table of all points, and the page of one.
-import { axis, chart, local, plain } from "./charts.js";
+import { axis, chart, local, plain, timeAxis } from "./charts.js";
 import { colour, figures, fill, h } from "./dom.js";
-import { fixed, isNumber, kindName, metres, mmOf, moment, seriesOfMetres, stamp, t } from "./language.js";
+import { fixed, isNumber, kindName, labelText, metres, mmOf, moment, seriesOfMetres, stamp, t } from "./language.js";
 import { context, here, on, peek, watch } from "./live.js";
 import { alarmItem } from "./overview.js";
 import { link, part, pill } from "./parts.js";
@@ -62,7 +62,7 @@ function point(root, name, signal) {
       ...AXES.filter((a) => isNumber(p[a])).map((a) => [`${axisName(a)} [${lengthUnit()}]`, [coordinate(p[a]), isNumber(metres(p, `sigma_${a}`)) ? h("span", { class: "note" }, ` σ\u00a0${mmOf(p, `sigma_${a}`, 2)}`) : null], { "data-figure": a }]),
       isNumber(metres(e, "a")) ? [t("ellipse_level", { level: e.level ? `${+(100 * e.level).toPrecision(4)} %` : "" }), `${mmOf(e, "a", 2)} / ${mmOf(e, "b", 2)} / ${fixed(e.azimuth_deg, 0)}°`] : null,
       bound ? [t("protection", { risk: bound.risk }), t("protection_told", { horizontal: levelOf(bound, "horizontal"), vertical: levelOf(bound, "vertical") }), { "data-figure": "protection" }] : null,
-    ], { class: "figures small" }), bound?.weakest?.length ? h("p", { class: "note" }, t("protection_weakest", { names: bound.weakest.join(", ") })) : null);
+    ], { class: "figures small" }), bound?.weakest?.length ? h("p", { class: "note" }, t("protection_weakest", { names: bound.weakest.map(labelText).join(", ") })) : null);
   };
   watch(here("points"), (r) => now.show(r, drawNow), { events: ["arrival", "epoch"], least: 1500, signal });
   on("points", (rows) => { if (rows.some((p) => p.name === name)) drawNow(); }, signal);
@@ -192,6 +192,6 @@ function seriesFigure(s) {
     before.set(alarm.rule, at);
     layout.margin.t = 24;
   }
-  layout.xaxis = axis({ anchor: shown.length > 1 ? `y${shown.length}` : "y", type: "date" });
+  layout.xaxis = timeAxis({ anchor: shown.length > 1 ? `y${shown.length}` : "y" });
   return { data, layout };
 }

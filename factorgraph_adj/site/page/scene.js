@@ -59,7 +59,7 @@ export async function scene(root, signal) {
     ].filter(Boolean);
     const title = (text) => axis({ title: { text }, backgroundcolor: "rgba(0,0,0,0)", tickformat: ".10~f" });
     // On a phone the eye is farther away, and the legend stands below.
-    const narrow = div.clientWidth < div.clientHeight, away = Math.max((1.3 * div.clientHeight) / div.clientWidth, 1);
+    const narrow = div.clientWidth < div.clientHeight, away = Math.max((1.3 * div.clientHeight) / div.clientWidth, 1.15);
     return { data, layout: {
       margin: { l: 0, r: 0, t: 0, b: 0 }, uirevision: "scene", legend: { orientation: "h", y: 0, bgcolor: colour("page") },
       scene: {
