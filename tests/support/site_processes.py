@@ -65,13 +65,15 @@ class SiteProcess:
         import httpx2
 
         until = time.monotonic() + HANGS
-        while time.monotonic() < until:
-            assert self.process is not None and self.process.poll() is None, self.log.read_text()
-            try:
-                if httpx2.get(f"{self.url}api/v1/health", timeout=10.0).status_code == 200:
-                    return
-            except httpx2.TransportError:
-                time.sleep(0.05)
+        with httpx2.Client(base_url=self.url, verify=False, timeout=10.0) as client:
+            while time.monotonic() < until:
+                running = self.process is not None and self.process.poll() is None
+                assert running, self.log.read_text()
+                try:
+                    if client.get("api/v1/health").status_code == 200:
+                        return
+                except httpx2.TransportError:
+                    time.sleep(0.05)
         raise AssertionError("the site does not answer")
 
     def kill(self) -> None:
