@@ -6,7 +6,8 @@ apart have the correlation ρ = exp(−Δt/τ). The average of n positions with 
 
     x̄ = N⁻¹ Σ C_i⁻¹ x_i,   N = Σ C_i⁻¹,   C̄ = f N⁻¹,   f = (1 + ρ) / (1 − ρ),
 
-with ρ for the median interval of the positions. f is the sum of the correlations of a position
+with ρ for the median interval of the positions; positions of one time, such as lines that came
+twice, have one error, and count together as one. f is the sum of the correlations of a position
 with all others of a long series, those of the neighbouring averages included. A network takes
 averages as independent observations, and with f the mean of many of them has the right precision,
 however short they are: with τ = 100 s and 1 Hz, f = 200, and averages of a minute have σ of
@@ -15,7 +16,7 @@ would be smaller, at most that of one position; a test of one average against ot
 cautious for periods below 2 τ. Let the period be 2 τ or longer where single averages are to be
 tested.
 
-Source of the sum: G. Priestley, Spectral Analysis and Time Series (1981), section 5.3.2; of the
+Source of the sum: M. B. Priestley, Spectral Analysis and Time Series (1981), section 5.3.2; of the
 process for RTK positions: A. Amiri-Simkooei, C. Tiberius, Assessing receiver noise using GPS short
 baseline time series, GPS Solutions 11 (2007), whose correlation times are of this order.
 
@@ -100,7 +101,10 @@ def average_of(
         metres[2] = 1.0
     # Rows along the position's own order; covariances are along east, north, up.
     order = [0, 1, 2] if fixes[0].grid else [1, 0, 2]
-    off = (np.array([f.position for f in fixes]) - first) * metres
+    off = np.array([f.position for f in fixes]) - first
+    if not fixes[0].grid:
+        off[:, 1] = np.remainder(off[:, 1] + math.pi, 2.0 * math.pi) - math.pi
+    off *= metres
     covariances = np.array([f.covariance for f in fixes])[:, order][:, :, order]
     try:
         weights = np.linalg.inv(np.linalg.cholesky(covariances))
@@ -116,10 +120,14 @@ def average_of(
     normal = weights[kept].sum(axis=0)
     mean = np.linalg.solve(normal, np.einsum("nij,nj->i", weights[kept], off[kept]))
     times = np.array([f.time for f, k in zip(fixes, kept, strict=True) if k])
-    if len(times) > 1:
-        interval = float(np.median(np.diff(np.sort(times))))
-    covariance: Array = np.linalg.inv(normal) * correlation_factor(interval, correlation_time)
+    instants = np.unique(times)
+    if len(instants) > 1:
+        interval = float(np.median(np.diff(instants)))
+    factor = len(times) / len(instants) * correlation_factor(interval, correlation_time)
+    covariance: Array = np.linalg.inv(normal) * factor
     position = first + mean / metres
+    if not fixes[0].grid:
+        position[1] = np.remainder(position[1] + math.pi, 2.0 * math.pi) - math.pi
     used = [f for f, k in zip(fixes, kept, strict=True) if k]
     ages = [f.age for f in used if f.age is not None]
     satellites = [f.satellites for f in used if f.satellites is not None]

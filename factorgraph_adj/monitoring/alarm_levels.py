@@ -1,14 +1,15 @@
 """Critical values of the rules of alarms for one object, from the stated rates.
 
-They are found once, at the first epoch after the reference, for the points of the reference and the
-share that its error has in the differences. How exact they are is told in
+They are found once, at the first epoch after the reference (those of congruence tests at the first
+one that has reference points enough), for the points of the reference and the share that its error
+has in the differences. How exact they are is told in
 `factorgraph_adj.monitoring.alarm_rules`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -89,10 +90,7 @@ class RuleLevels:
                     of_points = tuple(sorted(shares[n] for n in names))
                     levels[rule.name] = level_of_rate(number, h, of_points, rule.life, epochs)
                 elif rule.test == "congruence":
-                    freedom, share = _reference_share(found, base)
-                    if freedom:
-                        found_level = level_of_rate(number, freedom, (share,), rule.life, epochs)
-                        levels[rule.name] = found_level
+                    continue  # see `with_shape`
                 elif rule.test == "cusum":
                     levels[rule.name] = epochs * len(names) / number
                     limit_of_run_length(h, rule.allowance, levels[rule.name])
@@ -105,6 +103,39 @@ class RuleLevels:
             except InputError as error:
                 raise InputError(Problem(str(error), f"alarm {rule.name!r}")) from error
         return cls(levels, errors, shares)
+
+    def with_shape(
+        self,
+        rules: Sequence[AlarmRule],
+        found: EpochComparison,
+        base: EpochEstimate,
+        interval: float,
+    ) -> RuleLevels:
+        """Return the levels with those of congruence tests.
+
+        The first epoch with a shape to test gives them: others may lack reference points.
+
+        Args:
+            rules: as in `of`.
+            found: as there.
+            base: as there.
+            interval: as there.
+
+        Raises:
+            InputError: a rate cannot be kept.
+        """
+        lacking = [r for r in rules if r.test == "congruence" and r.name not in self.levels]
+        freedom, share = _reference_share(found, base) if lacking else (0, 0.0)
+        if not freedom:
+            return self
+        epochs, levels = epochs_per_month(interval), dict(self.levels)
+        for rule in lacking:
+            number = rule.false_alarms_in(epochs, interval)
+            try:
+                levels[rule.name] = level_of_rate(number, freedom, (share,), rule.life, epochs)
+            except InputError as error:
+                raise InputError(Problem(str(error), f"alarm {rule.name!r}")) from error
+        return replace(self, levels=levels)
 
     def critical(self, rule: AlarmRule, freedom: int) -> float:
         """Return the critical value of T of a rule; of a cusum the limit H.

@@ -191,7 +191,7 @@ class TestedEpoch:
     detectable_mm: float
     """Displacement (mm) or velocity (mm/day) that raises an alarm with the power of the rule in the
     direction in which it is hardest to see: of a displacement in the first n epochs after it, of a
-    velocity in one epoch; NaN for a cusum and for congruence."""
+    velocity since the reference in one epoch; NaN for a cusum and for congruence."""
     exceeds: bool
     """Whether value and size are beyond theirs."""
     calm: bool

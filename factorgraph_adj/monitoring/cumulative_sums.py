@@ -31,7 +31,12 @@ from ..statistical_tests import root
 from ..types import Array
 
 NODES = 64
-"""Number of nodes of the integral equation; 32 give the same run lengths to 1e-6."""
+"""Least number of nodes of the integral equation; 32 give the same run lengths to 1e-6 for κ from
+0.25 on."""
+NODES_PER_UNIT = 2.5
+"""Number of nodes for each unit of a large limit: the kernel is about 1 wide."""
+MAX_LIMIT = 400.0
+"""Largest limit H that is sought; the allowance of a larger one is next to 0."""
 
 
 def next_sum(s: Array, u: Array, allowance: float) -> Array:
@@ -86,7 +91,8 @@ def average_run_length(freedom: int, allowance: float, limit: float) -> float:
         allowance: κ > 0, σ of an epoch.
         limit: H > 0.
     """
-    x, weight = np.polynomial.legendre.leggauss(NODES)
+    nodes = max(NODES, int(np.ceil(NODES_PER_UNIT * limit)))
+    x, weight = np.polynomial.legendre.leggauss(nodes)
     y, weight = (x + 1.0) * limit / 2.0, weight * limit / 2.0
     s = np.append(0.0, y)
     kernel = np.empty((len(s), len(s)))
@@ -126,7 +132,8 @@ def limit_of_run_length(freedom: int, allowance: float, run_length: float) -> fl
         run_length: average number of epochs until a false alarm.
 
     Raises:
-        InputError: the allowance is not positive, or no limit has this run length.
+        InputError: the allowance is not positive, or no limit up to `MAX_LIMIT` has this run
+            length.
     """
     if not allowance > 0:
         raise InputError(f"the allowance of a CUSUM must be positive, not {allowance}")
@@ -135,12 +142,25 @@ def limit_of_run_length(freedom: int, allowance: float, run_length: float) -> fl
             f"a CUSUM with one false alarm in {run_length:.3g} epochs of a point: state a rate "
             "that asks for one in 2 to 10⁹"
         )
-    top = 4.0
+    # Without a limit, H = 0, it signals as soon as |u| exceeds κ.
+    least = 1.0 / max(float(special.chdtrc(freedom, allowance**2)), 1e-300)
+    if run_length <= least:
+        raise InputError(
+            f"a CUSUM with the allowance {allowance:g} has one false alarm in {least:.3g} epochs "
+            f"of a point, or fewer, not one in {run_length:.3g}: state a smaller allowance, or a "
+            "lower rate"
+        )
+    low, top = 0.0, 0.5
     while average_run_length(freedom, allowance, top) < run_length:
-        top *= 1.5
+        low, top = top, 1.25 * top
+        if top > MAX_LIMIT:
+            raise InputError(
+                f"a CUSUM with the allowance {allowance:g} and one false alarm in {run_length:.3g} "
+                f"epochs of a point has a limit above {MAX_LIMIT:g} σ: state a larger allowance"
+            )
     return root(
         lambda h: float(np.log(average_run_length(freedom, allowance, h) / run_length)),
-        1e-3,
+        max(low, 1e-9),
         top,
         tolerance=1e-9,
     )

@@ -80,15 +80,15 @@ class MeanEstimate:
                 )
                 for i in np.flatnonzero(other)
             )
-        q, x = epoch.cofactors, epoch.coordinates
+        x, q, motions = epoch.coordinates, epoch.cofactors, epoch.motions
         if len(old) and epoch.motions.shape[1]:
-            x, q = self._moved(epoch, here, old)
+            x, q, motions = self._moved(epoch, here, old)
         self._widen(epoch, x, number)
         number = {n: i for i, n in enumerate(self._names)}
         at = np.array([number[n] for n in epoch.names], dtype=np.intp)
         numbers = 3 * at[:, None] + np.arange(3)
         rows = self._free_number(numbers[epoch.free])
-        g = motion_basis(_evened(epoch.motions))
+        g = motion_basis(_evened(motions))
         w = weight_of_differences(q, g)
         d = (x - self._coordinates[at])[epoch.free]
         self._normal[np.ix_(rows, rows)] += w
@@ -98,12 +98,12 @@ class MeanEstimate:
         self._times.append(epoch.time)
         self._n_observations += epoch.n_observations
 
-    def _moved(self, epoch: EpochEstimate, here: Index, old: Index) -> tuple[Array, Array]:
-        """Return coordinates and cofactors of an epoch that is moved onto the first one."""
+    def _moved(self, epoch: EpochEstimate, here: Index, old: Index) -> tuple[Array, Array, Array]:
+        """Return coordinates, Q and G of an epoch that is moved onto the first one."""
         loose = np.flatnonzero(epoch.free.any(axis=1))
         free: Mask = np.all(epoch.free[loose], axis=0)
         if not free.any():
-            return epoch.coordinates, epoch.cofactors
+            return epoch.coordinates, epoch.cofactors, epoch.motions
         places = epoch_places(epoch, tuple(epoch.names[i] for i in loose))
         origin = self._coordinates[old].mean(axis=0)
         onto = epoch.coordinates - origin
@@ -118,7 +118,7 @@ class MeanEstimate:
         x[loose] = moved + origin
         turns = np.kron(np.eye(len(epoch.names)), turn)
         turns = turns[np.ix_(epoch.components, epoch.components)]
-        return x, turns @ epoch.cofactors @ turns.T
+        return x, turns @ epoch.cofactors @ turns.T, turns @ epoch.motions
 
     def _widen(self, epoch: EpochEstimate, x: Array, number: dict[str, int]) -> None:
         """Make room for the points that only this epoch has."""

@@ -121,7 +121,8 @@ class Monitor:
         last: number of last epochs whose mean is compared too; 0: none.
 
     Raises:
-        InputError: two rules have one name, or the numbers are not positive.
+        InputError: two rules have one name, the numbers are not positive, or a rule tests the
+            velocity of points that have none.
     """
 
     def __init__(
@@ -145,6 +146,11 @@ class Monitor:
         self.interval, self.objects, self.last = float(interval), tuple(objects), last
         self.reference_epochs = reference_epochs
         self.motion = MotionModel() if motion is None else motion
+        if self.motion.kind != "velocity":
+            wrong = [r.name for r in self.rules if r.test == "velocity"]
+            what = f"tests a velocity, and points of the motion {self.motion.kind!r} have none"
+            if wrong:
+                raise InputError(Problem(what, f"alarm {name!r}") for name in wrong)
         self._reference = MeanEstimate()
         self._base: EpochEstimate | None = None
         self._mean = MeanEstimate()
@@ -270,6 +276,7 @@ class Monitor:
                 self.motion,
                 self.objects,
             )
+        self._levels = self._levels.with_shape(self.rules, found, base, self.interval)
         points: dict[str, PointFinding] = {}
         events: list[AlarmEvent] = []
         axes = ["xyz".index(a) for a in found.differences.axes]
@@ -306,7 +313,7 @@ class Monitor:
             detectable = 1e3 * levels.detectable(rule, x.name, h) * sigma
             return outcome_of(rule, value, levels.critical(rule, h), 1e3 * x.length, detectable)
         if rule.test == "velocity":
-            sigma = float(np.sqrt(np.linalg.eigvalsh(state.static_velocity_covariance)[-1]))
+            sigma = float(np.sqrt(np.linalg.eigvalsh(state.steady_velocity_covariance)[-1]))
             per_day = 1e3 * DAY_S
             size = per_day * float(np.linalg.norm(state.velocity))
             detectable = per_day * sigma * levels.detectable(rule, x.name, h)

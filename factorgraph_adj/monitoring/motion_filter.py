@@ -82,6 +82,11 @@ class Motion:
     """Their covariance, (3 k, 3 k)."""
     static_covariance: Array
     """Covariance of their errors while the point keeps its place, (3 k, 3 k)."""
+    begun: float
+    """Time of the reference, seconds."""
+    response: Array
+    """What the mean is for a unit velocity since the reference and no errors, (3 k, k): the rows of
+    v are below 1 while the σ of the velocity before any epoch still holds the estimate at 0."""
     innovation: Array
     """Last innovation, (k,) metres; empty before the first epoch."""
     innovation_test: float
@@ -96,7 +101,7 @@ class Motion:
         p[2 * k :, 2 * k :] = m[2 * k :, 2 * k :] = reference
         if model.kind == "velocity":
             p[k : 2 * k, k : 2 * k] = (1e-3 * model.start_velocity / DAY_S) ** 2 * np.eye(k)
-        return cls(model, time, np.zeros(3 * k), p, m, np.zeros(0), 1.0)
+        return cls(model, time, np.zeros(3 * k), p, m, time, np.zeros((3 * k, k)), np.zeros(0), 1.0)
 
     @property
     def _k(self) -> int:
@@ -127,6 +132,16 @@ class Motion:
         """Covariance of the estimated velocity while the point keeps its place, (k, k)."""
         return self.static_covariance[self._k : 2 * self._k, self._k : 2 * self._k]
 
+    @property
+    def steady_velocity_covariance(self) -> Array:
+        """Covariance of a velocity since the reference as the test sees it, (k, k).
+
+        With R, the rows of v of `response`, a velocity v makes T noncentral by
+        vᵀ (R⁻¹ Σ_v R⁻ᵀ)⁻¹ v.
+        """
+        back = np.linalg.inv(self.response[self._k : 2 * self._k])
+        return np.asarray(back @ self.static_velocity_covariance @ back.T)
+
     def velocity_test(self) -> float:
         """Return T = vᵀ Σ_v⁻¹ v, which has χ² with k degrees of freedom while nothing moves."""
         if self.model.kind != "velocity" or not len(self.innovation):
@@ -152,6 +167,8 @@ class Motion:
             f @ self.mean,
             f @ self.covariance @ f.T + q,
             f @ self.static_covariance @ f.T,
+            self.begun,
+            f @ self.response,
             self.innovation,
             self.innovation_test,
         )
@@ -183,6 +200,8 @@ class Motion:
             there.mean + gain @ v,
             (p + p.T) / 2.0,
             (m + m.T) / 2.0,
+            self.begun,
+            there.response + gain @ ((time - self.begun) * np.eye(k) - h @ there.response),
             v,
             chi2_upper_probability(float(v @ np.linalg.solve(s, v)), k),
         )

@@ -22,6 +22,7 @@ In later months fewer are raised: a reference that is far off has then raised it
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -37,7 +38,11 @@ MONTH_S = 365.25 / 12 * 86400.0
 MAX_WINDOW = 12
 """Largest number of epochs n that an alarm looks at: the chain has 2ⁿ⁻¹ states."""
 NODES = 80
-"""Number of nodes of the quadrature over the error of the reference."""
+"""Number of nodes of the quadrature over the error of the reference, for shares up to 0.7. Larger
+ones have more: the probabilities of an epoch change within its own σ, √((1 − ρ)/ρ) of that of the
+reference."""
+MAX_EPOCHS_TO_DETECTION = 10_000
+"""Number of epochs in which a displacement is expected to raise an alarm, or none is stated."""
 MIN_TAIL = 1e-15
 """Probability of errors of the reference beyond the last node."""
 LOWEST_LEVEL = 1e-14
@@ -99,6 +104,11 @@ class RaiseRate:
         if not 0 <= self.share < 1:
             raise InputError(f"the share of the reference must lie in [0, 1), not {self.share}")
 
+    @property
+    def _nodes(self) -> int:
+        """Number of nodes of the quadrature over the error of the reference along an axis."""
+        return int(np.ceil(NODES * max(1.0, np.sqrt(0.3 / (1.0 - self.share)))))
+
     @cached_property
     def _far(self) -> tuple[Array, Array]:
         """Return |w|² (nodes,) and their weights."""
@@ -106,7 +116,7 @@ class RaiseRate:
         if share == 0:
             return np.zeros(1), np.ones(1)
         top = float(np.sqrt(chi2_upper_quantile(MIN_TAIL, h)))
-        x, weight = np.polynomial.legendre.leggauss(NODES)
+        x, weight = np.polynomial.legendre.leggauss(self._nodes)
         r = (x + 1.0) * top / 2.0
         density = 2.0 ** (1.0 - h / 2.0) * np.exp(-(r**2) / 2.0) * r ** (h - 1)
         density *= weight * top / 2.0 / special.gamma(h / 2.0)
@@ -144,15 +154,26 @@ class RaiseRate:
         return float(weight @ special.bdtrc(k - 1, n, p))
 
     def time_to_detection(self, level: float, size: float) -> float:
-        """Return the median number of epochs until a lasting displacement raises an alarm."""
+        """Return the median number of epochs until a lasting displacement raises an alarm.
+
+        It is infinite where it is larger than `MAX_EPOCHS_TO_DETECTION`.
+
+        Args:
+            level: probability α of a single test.
+            size: displacement in units of its σ, that of the difference to the reference.
+        """
         critical = float(chi2_upper_quantile(level, self.freedom))
         far, weight = self._displaced(size)
-        raised = _raised_by(self._tail(critical, far), self.life)
-        total = 0.0
-        for number, by in enumerate(raised, start=1):
+        before, settled = 0.0, 10 * self.life.n
+        for number, by in enumerate(_raised_by(self._tail(critical, far), self.life), start=1):
             total = float(weight @ by)
             if total >= 0.5:
                 return float(number)
+            # Fewer and fewer are left: no later epoch raises more than this one.
+            left = MAX_EPOCHS_TO_DETECTION - number
+            if left == 0 or (number > settled and total + left * (total - before) < 0.5):
+                break
+            before = total
         return float("inf")
 
     def _displaced(self, size: float) -> tuple[Array, Array]:
@@ -160,7 +181,9 @@ class RaiseRate:
         h, share = self.freedom, self.share
         if share == 0:
             return np.array([float(size) ** 2]), np.ones(1)
-        x, weight = np.polynomial.hermite_e.hermegauss(40)
+        x, weight = np.polynomial.legendre.leggauss(self._nodes)
+        x = x * float(np.sqrt(chi2_upper_quantile(MIN_TAIL, 1)))
+        weight = weight * np.exp(-(x**2) / 2.0)
         along, of_along = np.sqrt(share) * x + size, weight / weight.sum()
         if h == 1:
             return along**2, of_along
@@ -217,22 +240,18 @@ def _raisings(above: Array, below: Array, life: AlarmLife, epochs: int) -> Array
     return out
 
 
-def _raised_by(above: Array, life: AlarmLife, most: int = 10_000) -> list[Array]:
-    """Return the probability, at each node, that an alarm is raised by each epoch."""
+def _raised_by(above: Array, life: AlarmLife) -> Iterator[Array]:
+    """Yield the probability, at each node, that an alarm is raised by each epoch."""
     after, number = life._seen
     calm = np.zeros((len(above), len(number)))
     calm[:, 0] = 1.0
     raises = number + 1 >= life.k
-    out = []
-    for _ in range(most):
+    while True:
         new = np.zeros_like(calm)
         np.add.at(new.T, after[:, 0], (calm * (1.0 - above)[:, None]).T)
         np.add.at(new.T, after[~raises, 1], (calm * above[:, None])[:, ~raises].T)
         calm = new
-        out.append(1.0 - calm.sum(axis=1))
-        if out[-1].min() > 0.5 or (len(out) > 50 and out[-1].max() - out[-2].max() < 1e-9):
-            break
-    return out
+        yield 1.0 - calm.sum(axis=1)
 
 
 @lru_cache(maxsize=256)

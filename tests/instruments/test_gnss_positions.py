@@ -248,3 +248,22 @@ def test_positions_of_two_sorts_are_refused():
         average_of([FIX, GRID_FIX], 0.0)
     with pytest.raises(InputError, match="not positive definite"):
         average_of([replace(FIX, covariance=-COVARIANCE)], 0.0)
+
+
+def test_positions_of_one_time_count_as_one():
+    once = [replace(FIX, time=FIX.time + i) for i in range(60)]
+    expected, found = average_of(once, 100.0).fix, average_of([*once, *once], 100.0).fix
+    assert found.covariance == pytest.approx(expected.covariance, rel=1e-12)
+    pair = average_of([FIX, FIX], 0.0, interval=60.0).fix
+    assert pair.covariance == pytest.approx(FIX.covariance, rel=1e-12)
+
+
+def test_positions_on_both_sides_of_the_180th_meridian_are_neighbours():
+    near = 1e-9
+    sides = [
+        replace(FIX, time=FIX.time + i, position=(PHI, side * (math.pi - near), 560.0))
+        for i, side in enumerate((1.0, -1.0, -1.0))
+    ]
+    latitude, longitude, height = average_of(sides, 0.0).fix.position
+    assert (latitude, height) == pytest.approx((PHI, 560.0), abs=1e-12)
+    assert longitude == pytest.approx(-(math.pi - near / 3.0), abs=1e-14)

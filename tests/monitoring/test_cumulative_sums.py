@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from factorgraph_adj.errors import InputError
+from factorgraph_adj.monitoring import cumulative_sums
 from factorgraph_adj.monitoring.cumulative_sums import (
     CusumDesign,
     average_run_length,
@@ -36,6 +37,13 @@ def test_simulated_run_lengths(freedom, allowance):
     assert found == pytest.approx(100.0, rel=4 / np.sqrt(5000))
 
 
+@pytest.mark.parametrize(("allowance", "run_length"), [(0.02, 1e3), (0.1, 1e6), (4.0, 1e3)])
+def test_limits_of_small_and_of_large_allowances(allowance, run_length, monkeypatch):
+    limit = limit_of_run_length(3, allowance, run_length)
+    monkeypatch.setattr(cumulative_sums, "NODES_PER_UNIT", 6.0)
+    assert average_run_length(3, allowance, limit) == pytest.approx(run_length, rel=1e-6)
+
+
 def test_no_direction_differs_from_another():
     rng = np.random.default_rng(2)
     u = rng.standard_normal((30, 3)) + 0.5
@@ -52,3 +60,7 @@ def test_wrong_designs_are_refused():
         limit_of_run_length(3, 0.0, 100.0)
     with pytest.raises(InputError, match="one false alarm in 1 epochs"):
         limit_of_run_length(3, 0.5, 1.0)
+    with pytest.raises(InputError, match="one false alarm in 370 epochs of a point, or fewer"):
+        limit_of_run_length(1, 3.0, 100.0)
+    with pytest.raises(InputError, match="a limit above 400 σ: state a larger allowance"):
+        limit_of_run_length(3, 0.001, 1e8)

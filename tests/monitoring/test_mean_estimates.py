@@ -98,3 +98,22 @@ def test_wrong_epochs_are_refused():
         mean_estimate([one, held])
     with pytest.raises(InputError, match="no epochs"):
         MeanEstimate().estimate()
+
+
+@pytest.mark.parametrize("turn", [0.1, 2.0])
+def test_a_free_network_may_lie_turned(turn):
+    """An epoch with arbitrary coordinates, turned with its cofactors and motions, says the same."""
+    one, two = estimates([solved(1), solved(2)])
+    c, s = np.cos(turn), np.sin(turn)
+    r = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    every = np.kron(np.eye(len(two.names)), r)[np.ix_(two.components, two.components)]
+    turned = replace(
+        two,
+        coordinates=two.coordinates @ r.T,
+        cofactors=every @ two.cofactors @ every.T,
+        motions=every @ two.motions,
+    )
+    expected, found = mean_estimate([one, two]), mean_estimate([one, turned])
+    np.testing.assert_allclose(found.coordinates, expected.coordinates, atol=1e-8)
+    np.testing.assert_allclose(found.cofactors, expected.cofactors, rtol=1e-4, atol=1e-11)
+    assert found.vtpv == pytest.approx(expected.vtpv, rel=1e-5)

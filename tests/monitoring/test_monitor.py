@@ -186,7 +186,25 @@ def test_epochs_that_tell_nothing_count_in_no_test():
         monitor.add(drawn(rng, 5))
 
 
+def test_the_shape_is_tested_from_the_first_epoch_that_has_one():
+    """The first epoch after the reference lacks reference points; later ones have them again."""
+    rule = AlarmRule("shape", "congruence", false_alarms_per_month=0.1)
+    some = (None, ("A", "C", "P", "Q"), None)
+    monitor = Monitor([rule], interval=DAY_S, objects=["P", "Q"])
+    tests = []
+    for i, points in enumerate(some):
+        solution = fga.adjust(epoch(i, datum="given"))
+        found = monitor.add(EpochEstimate.of(solution, i, DAY_S * i, points=points))
+        assert not found.problem
+        tests.append(found.reference_tests)
+    assert tests[:2] == [(), ()]
+    assert tests[2][0].critical > tests[2][0].value > 0
+
+
 def test_wrong_monitors_are_refused():
+    speed = AlarmRule("speed", "velocity")
+    with pytest.raises(InputError, match="alarm 'speed': tests a velocity, and points of the moti"):
+        Monitor([speed], interval=DAY_S, motion=MotionModel("random walk", noise=0.1))
     with pytest.raises(InputError, match="interval > 0"):
         Monitor([], interval=0.0)
     with pytest.raises(InputError, match="objects must be a list"):

@@ -144,3 +144,21 @@ def test_wrong_motions_are_refused():
     state = Motion.at(10.0, np.eye(3), MotionModel())
     with pytest.raises(InputError, match="go on in time"):
         state.updated(9.0, np.zeros(3), np.eye(3))
+
+
+def test_a_velocity_since_the_reference_is_answered_at_first_in_part():
+    """The prior holds the first estimates at 0: without errors they are the response times v."""
+    model, v = MotionModel(start_velocity=2.0), np.array([3e-8, -1e-8])
+    sigma, state = 1e-6 * np.array([[4.0, 1.0], [1.0, 2.0]]), None
+    state = Motion.at(0.0, sigma, model)
+    for i in range(1, 200):
+        time = 3600.0 * i
+        state = state.updated(time, v * time, sigma)
+        response = state.response[2:4]
+        assert state.velocity == pytest.approx(response @ v, rel=1e-6)
+        if i == 1:
+            # T = yᵀ (B + R)⁻¹ y: the velocity that it sees is that of the first displacement.
+            assert np.abs(response).max() < 0.01
+            seen = 2.0 * sigma / time**2
+            assert state.steady_velocity_covariance == pytest.approx(seen, rel=1e-6)
+    assert response == pytest.approx(np.eye(2), abs=0.02)

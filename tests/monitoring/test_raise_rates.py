@@ -71,6 +71,34 @@ def test_power_and_time_to_detection_of_simulated_displacements(freedom, share):
     assert rate.time_to_detection(level, size) == np.median(first)
 
 
+@pytest.mark.parametrize("share", [0.9, 0.99, 0.999])
+def test_a_reference_that_is_worse_than_the_epochs(share):
+    """Probabilities that change within a small part of the error of the reference."""
+    rate, level = RaiseRate(3, share, AlarmLife()), 1e-3
+    t = simulated_values(np.random.default_rng(5), 3, share, 200_000, 2, 3.0)[:, 0]
+    power = (t > chi2.isf(level, 3)).mean()
+    assert rate.power(level, 3.0) == pytest.approx(ncx2.sf(chi2.isf(level, 3), 3, 9.0), rel=1e-3)
+    assert power == pytest.approx(rate.power(level, 3.0), abs=0.004)
+    # One epoch raises with the probability of the test, whatever its error is made of.
+    assert rate.expected_raisings(1e-5, 1) == pytest.approx(1e-5, rel=1e-3)
+
+
+def test_a_small_displacement_is_found_late():
+    """Without a common reference the number of epochs until an alarm is geometric."""
+    p = ncx2.sf(chi2.isf(1e-4, 3), 3, 1.0)
+    median = np.ceil(np.log(0.5) / np.log1p(-p))
+    assert median > 500
+    assert RaiseRate(3, 0.0, AlarmLife()).time_to_detection(1e-4, 1.0) == median
+    # With one, it soon raises the alarms of references that are far off, and late all others.
+    t = np.zeros(2000)
+    rng, rate = np.random.default_rng(8), RaiseRate(3, 0.5, AlarmLife())
+    w = np.sqrt(0.5) * rng.standard_normal((len(t), 3)) + np.array([2.0, 0.0, 0.0])
+    own = ncx2.sf(2 * chi2.isf(1e-4, 3), 3, 2 * (w**2).sum(axis=1))
+    t = np.ceil(np.log(rng.uniform(size=len(t))) / np.log1p(-own))
+    assert rate.time_to_detection(1e-4, 2.0) == pytest.approx(np.median(t), rel=0.25)
+    assert rate.time_to_detection(1e-9, 0.5) == np.inf
+
+
 def test_what_cannot_be_kept_is_refused():
     with pytest.raises(InputError, match="k of n epochs"):
         AlarmLife(3, 2)
