@@ -85,7 +85,7 @@ def _serve(options: argparse.Namespace) -> int:
     config = uvicorn.Config(
         application(site),
         log_level="warning",
-        access_log=False,
+        access_log=False,  # of addresses and what was asked; a proxy in front can have one
         ssl_certfile=options.tls_certificate,
         ssl_keyfile=options.tls_key,
         timeout_graceful_shutdown=5,

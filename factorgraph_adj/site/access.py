@@ -76,7 +76,7 @@ class Access:
             database: the database.
             per_second: requests that one caller may make in a second, averaged over ten.
         """
-        self._database, self._rate = database, per_second
+        self._database, self.per_second = database, per_second
         self._known: dict[str, tuple[float, Caller | None]] = {}
         self._tokens: dict[str, tuple[float, float]] = {}
         self._lock = threading.Lock()
@@ -141,10 +141,11 @@ class Access:
             return
         now = clock.monotonic()
         with self._lock:
-            left, then = self._tokens.get(caller.name, (10.0 * self._rate, now))
-            left = min(10.0 * self._rate, left + (now - then) * self._rate) - cost
+            rate = self.per_second
+            left, then = self._tokens.get(caller.name, (10.0 * rate, now))
+            left = min(10.0 * rate, left + (now - then) * rate) - cost
             if left < 0.0:
-                raise TooFast(f"{caller.name} makes more than {self._rate:g} requests a second")
+                raise TooFast(f"{caller.name} makes more than {rate:g} requests a second")
             self._tokens[caller.name] = left, now
 
     def _read(self, digest: str, now: float) -> Caller | None:

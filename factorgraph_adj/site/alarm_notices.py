@@ -3,6 +3,7 @@
 The rows of ``notices`` are written by the transaction that raises or clears an alarm, so that a
 message is never lost and never sent for an alarm that is not recorded. One that cannot be sent is
 tried again after 5 s, 10 s, 20 s … at most an hour, and given up after three days, which is told.
+What is told and noted of a message that fails has no password and no path of a webhook.
 
     [smtp]
     host = "mail.example.org"
@@ -32,6 +33,7 @@ from urllib.request import HTTPRedirectHandler, Request, build_opener
 
 from ..errors import AdjustmentError, InputError, Problem
 from ..io.csv_tables import row_of_table
+from .alarm_tables import check_address, shown_address
 from .database import Database, DatabaseAway
 
 WATCH_SECONDS = 0.5
@@ -94,6 +96,22 @@ def read_mail_server(table: object, where: str) -> MailServer | None:
         raise InputError(problems)
     at = PORTS[security] if port is None else port
     return MailServer(host, at, security, sender, user, password)
+
+
+def address_of(target: str) -> str:
+    """Return the address that a target names: itself, or that of ``env:NAME``.
+
+    Raises:
+        AdjustmentError: the variable is not set.
+        InputError: its text is no address.
+    """
+    if not target.startswith("env:"):
+        return target
+    name = target.removeprefix("env:")
+    if name not in os.environ:
+        raise AdjustmentError(f"the environment variable {name} is not set")
+    check_address(os.environ[name])
+    return os.environ[name]
 
 
 class _NoRedirects(HTTPRedirectHandler):
@@ -176,17 +194,31 @@ class AlarmNotices:
             self.send(notice.target, json.loads(notice.data))
         except Exception as error:
             # Whatever a server or a library says: one message must not stop the others.
-            problem = f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
+            said = self._without_secrets(" ".join(str(error).split()), notice.target)
+            problem = f"{type(error).__name__}: {said[:200]}"
         values: Answer = {"tries": notice.tries + 1, "problem": problem or None}
         if not problem:
             values["sent"] = now
         elif now - notice.created > GIVEN_UP_AFTER:
             values |= {"due": None}
-            self._told(f"alarm {notice.alarm}: {notice.target} was not told: {problem}")
+            at = shown_address(notice.target)
+            self._told(f"alarm {notice.alarm}: {at} was not told: {problem}")
         else:
             values["due"] = now + min(FIRST_RETRY * 2.0**notice.tries, MAX_RETRY)
         with self._database.writing() as connection:
             connection.execute(update(notices).where(notices.c.id == notice.id).values(**values))
+
+    def _without_secrets(self, text: str, target: str) -> str:
+        """Return what an error says without passwords, and without what follows a host."""
+        address, secrets = os.environ.get(target.removeprefix("env:"), target), set[str]()
+        if self._server is not None and self._server.password_env:
+            secrets.add(os.environ.get(self._server.password_env, ""))
+        if address.startswith("http"):
+            parts = urlsplit(address)
+            secrets |= {address, parts.path, parts.query, *parts.path.split("/")}
+        for secret in sorted(secrets, key=len, reverse=True):
+            text = text.replace(secret, "…") if len(secret) > 3 else text
+        return text
 
     # -- ways to send -----------------------------------------------------------------------------
 
@@ -196,6 +228,7 @@ class AlarmNotices:
         Raises:
             Exception: whatever the server says.
         """
+        target = address_of(target)
         scheme = urlsplit(target).scheme
         if scheme == "mailto":
             self._mail(target, alarm)

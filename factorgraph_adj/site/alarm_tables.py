@@ -11,7 +11,8 @@
     after = "30 min"                 # of silence: time without a line, also a number of seconds
     notify = ["mailto:chief@example.org", "https://example.org/hook", "mqtt://127.0.0.1/alarms"]
 
-The other keys are those of `factorgraph_adj.monitoring.alarm_rules.AlarmRule`.
+``env:NAME`` is an address that stands in an environment variable, such as that of a webhook whose
+path is a secret. The other keys are those of `factorgraph_adj.monitoring.alarm_rules.AlarmRule`.
 """
 
 from __future__ import annotations
@@ -39,10 +40,14 @@ ADDRESSES = {
     "https": "https://HOST/PATH",
     "mqtt": "mqtt://HOST/TOPIC",
     "mqtts": "mqtts://HOST/TOPIC",
+    "env": "env:VARIABLE",
 }
 """Forms of the addresses that are told of alarms, by scheme."""
 SILENCE = "silence"
 """Test of a rule that watches instruments."""
+_VARIABLE = re.compile(r"[A-Za-z_]\w*", re.ASCII)
+_HOST = re.compile(r"//(?:[^/?#]*@)?((?:\[[\d:.a-fA-F]*\]|[\w.-]*)(?::\d+)?)")
+"""Host and port; what else stands there may be a secret."""
 _MAIL = re.compile(r"[^@\s,]+@[^@\s,]+(,[^@\s,]+@[^@\s,]+)*")
 DEFAULT_SILENCE = 1800.0
 """Time without a line after which an instrument is silent, seconds."""
@@ -106,7 +111,7 @@ def read_alarms(
         network = _network(row, networks, needed=not silence)
         notify = row.texts("notify", "addresses", '["mailto:chief@example.org"]') or ()
         for address in notify:
-            row.made(partial(_check_address, address, folder, mail), "notify: ")
+            row.made(partial(check_address, address, folder, mail), "notify: ")
         rule = _silence(row, instruments) if silence else AlarmRule.of_row(row, (SILENCE,))
         row.refuse_left()
         if rule is not None:
@@ -128,32 +133,61 @@ def _network(row: FieldRow, networks: Sequence[str], *, needed: bool) -> str:
     return name
 
 
-def _check_address(address: str, folder: Path, mail: bool) -> None:
-    """Check an address that is told of alarms.
+def shown_address(address: str) -> str:
+    """Return an address without what may be a secret: that of a webhook stands in its path.
+
+    >>> shown_address("https://example.org/hooks/T0/B0"), shown_address("mailto:chief@example.org")
+    ('https://example.org/…', 'mailto:chief@example.org')
+    """
+    scheme, colon, rest = address.partition(":")
+    if scheme in ("mailto", "env"):
+        return address
+    if not colon:
+        return address if _MAIL.fullmatch(address) else "…"
+    host = _HOST.match(rest)
+    return f"{scheme[:10]}:…" if host is None else f"{scheme[:10]}://{host[1]}/…"
+
+
+def check_address(address: str, folder: Path = Path(), mail: bool = True) -> None:
+    """Check an address that is told of alarms; messages have no secret of it.
+
+    Args:
+        address: the address.
+        folder: folder of the site file, for files with passwords.
+        mail: whether the site file has a mail server.
 
     Raises:
         InputError: what is wrong with it.
     """
     scheme, colon, rest = address.partition(":")
+    shown = shown_address(address)
     if not colon or scheme not in ADDRESSES:
         valid = ", ".join(dict.fromkeys(ADDRESSES.values()))
         plain = f"mailto:{address}" if _MAIL.fullmatch(address) else ""
         meant = f"; did you mean {plain!r}?" if plain else similar(scheme, ADDRESSES)
-        raise InputError(f"{address!r} is no address; valid: {valid}{meant}")
+        raise InputError(f"{shown!r} is no address; valid: {valid}{meant}")
+    if scheme == "env":
+        if not _VARIABLE.fullmatch(rest):
+            raise InputError(f"{shown!r} names no environment variable; valid: {ADDRESSES[scheme]}")
+        return
     try:
         parts = urlsplit(address)
         host = parts.hostname if parts.port != 0 else None
     except ValueError:
         host = None
     if scheme == "mailto" and not _MAIL.fullmatch(unquote(rest)):
-        raise InputError(f"{address!r} is no address of e-mail; valid: {ADDRESSES[scheme]}")
+        raise InputError(f"{shown!r} is no address of e-mail; valid: {ADDRESSES[scheme]}")
     if scheme == "mailto" and not mail:
         raise InputError(
-            f"{address!r} needs a mail server, which the file does not have: write a table [smtp] "
+            f"{shown!r} needs a mail server, which the file does not have: write a table [smtp] "
             "with host and sender"
         )
-    if scheme in ("http", "https") and not host:
-        raise InputError(f"{address!r} is no address; valid: {ADDRESSES[scheme]}")
+    if scheme in ("http", "https"):
+        if not host or not address.isascii() or not address.isprintable() or " " in address:
+            raise InputError(f"{shown!r} is no address; valid: {ADDRESSES[scheme]}")
+        if parts.username is not None:
+            what = "a user and a password before the host are not sent: a secret stands in the path"
+            raise InputError(f"{shown!r}: {what}")
     if scheme in ("mqtt", "mqtts"):
         topics = mqtt_address(address, folder).topics
         if wild := [t for t in topics if "+" in t or "#" in t]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
+from typing import Any
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
@@ -18,6 +19,7 @@ from ..errors import AdjustmentError, InputError, Problem
 from ..version import __version__
 from .access import NotAllowed, TooFast
 from .database import DatabaseAway
+from .dependencies import caller_of, token_of
 from .epoch_routes import epoch_router
 from .live_network import Overloaded
 from .network_routes import network_router
@@ -33,6 +35,10 @@ MAX_BODY = 1 << 24
 """Largest body of a request: 16 MB, bytes."""
 TOO_LARGE = f"the body is larger than {MAX_BODY >> 20} MB: send fewer postings at once"
 """Message about a larger one."""
+MAX_BODY_OF_STRANGERS = 1 << 12
+"""Largest body of a request whose caller is not known, bytes: a log-in needs less."""
+UNREAD = {"Connection": "close"}
+"""Headers of an answer that leaves the rest of a body unread."""
 SECONDS_TO_RETRY = 2
 """When to try again, seconds."""
 HEADERS = {
@@ -45,6 +51,36 @@ HEADERS = {
     "Cache-Control": "no-cache",
 }
 """Headers of every answer."""
+REFUSAL = {
+    "type": "object",
+    "required": ["error"],
+    "properties": {
+        "error": {
+            "type": "array",
+            "items": {
+                "type": "object",
+                "required": ["where", "what"],
+                "properties": {"where": {"type": "string"}, "what": {"type": "string"}},
+            },
+        }
+    },
+}
+"""Schema of the answer to a request that is refused: all that is wrong, each with its place."""
+REFUSALS: dict[int | str, dict[str, Any]] = {
+    status: {"description": description, "content": {"application/json": {"schema": REFUSAL}}}
+    for status, description in {
+        400: "The body is no JSON.",
+        401: "A token is needed, or it is unknown, has expired or was revoked.",
+        403: "The role of the token lacks the right.",
+        404: "There is no such network, epoch or route.",
+        409: "The request was used for another posting.",
+        413: "The body is too large.",
+        422: "What is asked for, or posted, is wrong.",
+        429: "The caller makes too many requests: wait for Retry-After.",
+        503: "The database is away, or too much waits: wait for Retry-After.",
+    }.items()
+}
+"""Refusals of every route, for its description."""
 STATUS: tuple[tuple[type[AdjustmentError], int], ...] = (
     (NoSuchThing, 404),
     (OtherRequest, 409),
@@ -65,15 +101,25 @@ def problem_answer(status: int, problems: list[Problem]) -> JSONResponse:
     return JSONResponse({"error": listed}, status, headers)
 
 
+def problem_of(error: HTTPException) -> JSONResponse:
+    """Return the answer to an error of HTTP."""
+    answer = problem_answer(error.status_code, [Problem(str(error.detail))])
+    answer.headers.update(error.headers or {})
+    return answer
+
+
 class Guard:
     """Refuses bodies that are too large, and gives every answer `HEADERS`.
+
+    A body is read before the route knows its caller. More than `MAX_BODY_OF_STRANGERS` bytes of it
+    are read only where the caller is known.
 
     It is plain ASGI: a middleware of functions would run every request in a task group of its own.
     """
 
-    def __init__(self, app: ASGIApp) -> None:
-        """Take the application."""
-        self._app = app
+    def __init__(self, app: ASGIApp, site: Site) -> None:
+        """Take the application, and the site that knows its callers."""
+        self._app, self._site = app, site
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Let the application answer a request."""
@@ -81,14 +127,26 @@ class Guard:
             await self._app(scope, receive, send)
             return
 
-        read = 0
+        read, is_known = 0, False
+
+        async def allow(length: int) -> None:
+            nonlocal is_known
+            if length > MAX_BODY_OF_STRANGERS and not is_known:
+                try:
+                    await caller_of(self._site.access, token_of(Request(scope)))
+                except NotAllowed as error:
+                    raise HTTPException(error.status, str(error), UNREAD) from None
+                except DatabaseAway as error:
+                    raise HTTPException(503, str(error), UNREAD) from None
+                is_known = True
+            if length > MAX_BODY:
+                raise HTTPException(413, TOO_LARGE, UNREAD)
 
         async def received() -> Message:
             nonlocal read
             message = await receive()
             read += len(message.get("body", b""))
-            if read > MAX_BODY:  # a body in chunks states no length
-                raise HTTPException(413, TOO_LARGE)
+            await allow(read)  # a body in chunks states no length
             return message
 
         async def sent(message: Message) -> None:
@@ -99,10 +157,12 @@ class Guard:
             await send(message)
 
         length = Headers(scope=scope).get("content-length", "0")
-        if length.isdigit() and int(length) <= MAX_BODY:
-            await self._app(scope, received, sent)
+        try:
+            await allow(int(length) if length.isdecimal() else MAX_BODY + 1)
+        except HTTPException as error:
+            await problem_of(error)(scope, receive, sent)
             return
-        await problem_answer(413, [Problem(TOO_LARGE)])(scope, receive, sent)
+        await self._app(scope, received, sent)
 
 
 def application(site: Site, *, lifespan: bool = True) -> FastAPI:
@@ -148,12 +208,11 @@ def application(site: Site, *, lifespan: bool = True) -> FastAPI:
 
     @app.exception_handler(HTTPException)
     async def plain(_: Request, error: HTTPException) -> JSONResponse:
-        return problem_answer(error.status_code, [Problem(str(error.detail))])
+        return problem_of(error)
 
-    app.add_middleware(Guard)
-    app.include_router(site_router, prefix=API)
-    app.include_router(network_router, prefix=API)
-    app.include_router(epoch_router, prefix=API)
+    app.add_middleware(Guard, site=site)
+    for router in (site_router, network_router, epoch_router):
+        app.include_router(router, prefix=API, responses=REFUSALS)
     _add_page(app)
     return app
 

@@ -51,7 +51,7 @@ class Database:
 
         Raises:
             InputError: the extra is missing, the database cannot be opened, is of a newer version,
-                or is served by another process.
+                or is served by another process; a password stands in its address.
         """
         try:
             from sqlalchemy import create_engine, event
@@ -64,10 +64,17 @@ class Database:
         """File of SQLite; None for PostgreSQL."""
         try:
             made = make_url(text if self.path is None else f"sqlite:///{self.path.resolve()}")
-        except ArgumentError:
-            raise InputError(Problem("is no address of a database", text)) from None
+        except (ArgumentError, ValueError):  # the text may have a password
+            place = f"{text.partition('://')[0]}://…"
+            raise InputError(Problem("is no address of a database", place)) from None
         self.where = made.render_as_string(hide_password=True) if self.path is None else text
         """Address for messages, without password."""
+        if made.password is not None or "password" in made.query:
+            what = (
+                "a password does not stand in an address, which files and archives show: set "
+                "PGPASSWORD, or state a file as ?passfile=FILE"
+            )
+            raise InputError(Problem(what, made.set(query={}).render_as_string()))
         self._lock, self._serves = threading.Lock(), serve
         self._held: int | None = None
         self._writer: Connection | None = None

@@ -12,7 +12,7 @@ from typing import Annotated
 
 from fastapi import Depends, Request
 
-from .access import Caller, Right
+from .access import Access, Caller, Right
 from .live_network import LiveNetwork
 from .site import Site
 
@@ -34,14 +34,21 @@ def token_of(request: Request) -> str | None:
     return request.cookies.get(COOKIE)
 
 
+async def caller_of(access: Access, token: str | None) -> Caller:
+    """Return who has a token.
+
+    Raises:
+        NotAllowed: as `Access.caller`.
+    """
+    return access.remembered(token) or await asyncio.to_thread(access.caller, token)
+
+
 def caller_with(right: Right) -> Callable[[Request], Awaitable[Caller]]:
     """Return a function that gives the caller of a request, who must have a right."""
 
     async def found(request: Request) -> Caller:
-        access, token = (await site_of(request)).access, token_of(request)
-        caller = access.remembered(token)
-        if caller is None:
-            caller = await asyncio.to_thread(access.caller, token)
+        access = (await site_of(request)).access
+        caller = await caller_of(access, token_of(request))
         access.require(caller, right)
         access.slow_down(caller)
         return caller
@@ -50,8 +57,10 @@ def caller_with(right: Right) -> Callable[[Request], Awaitable[Caller]]:
 
 
 async def network_of(name: str, request: Request) -> LiveNetwork:
-    """Return the network of an address."""
-    return (await site_of(request)).network(name)
+    """Return the network of an address; strangers do not learn which there are."""
+    site = await site_of(request)
+    await caller_of(site.access, token_of(request))
+    return site.network(name)
 
 
 TheSite = Annotated[Site, Depends(site_of)]

@@ -247,33 +247,61 @@ def _has_result(row: Answer) -> bool:
     return row["state"] != "dropped" and bool((row["result"] or {}).get("points"))
 
 
-def _download(data: bytes, name: str, kind: str) -> Response:
+def _download(kind: type[Response], data: bytes, name: str) -> Response:
     headers = {"Content-Disposition": f'attachment; filename="{name}"'}
-    return Response(data, media_type=kind, headers=headers)
+    return kind(data, headers=headers)
 
 
-@network_router.get("/report.html")
+class HtmlFile(Response):
+    """A page."""
+
+    media_type = "text/html"
+
+
+class JsonFile(Response):
+    """A file of JSON."""
+
+    media_type = "application/json"
+
+
+class GeoPackageFile(Response):
+    """A GeoPackage."""
+
+    media_type = "application/geopackage+sqlite3"
+
+
+class ZipFile(Response):
+    """An archive."""
+
+    media_type = "application/zip"
+
+
+@network_router.get("/report.html", response_class=HtmlFile)
 def report(network: Network, caller: Reader, epoch: int | None = None) -> Response:
     """Return the report of an epoch as one HTML file."""
     data = _written(network, "report.html", epoch)
-    return _download(data, f"{network.settings.name}.html", "text/html")
+    return _download(HtmlFile, data, f"{network.settings.name}.html")
 
 
-@network_router.get("/results.json")
+@network_router.get(
+    "/results.json",
+    response_class=JsonFile,
+    responses={200: {"content": {"application/json": {"schema": {"type": "object"}}}}},
+)
 def results(network: Network, caller: Reader, epoch: int | None = None) -> Response:
     """Return the results of an epoch as JSON."""
     data = _written(network, "results.json", epoch)
-    return _download(data, f"{network.settings.name}.json", "application/json")
+    return _download(JsonFile, data, f"{network.settings.name}.json")
 
 
-@network_router.get("/network.gpkg")
+@network_router.get("/network.gpkg", response_class=GeoPackageFile)
 def geopackage(network: Network, caller: Reader, epoch: int | None = None) -> Response:
     """Return an epoch as a GeoPackage."""
     data = _written(network, "network.gpkg", epoch)
-    return _download(data, f"{network.settings.name}.gpkg", "application/geopackage+sqlite3")
+    return _download(GeoPackageFile, data, f"{network.settings.name}.gpkg")
 
 
-@network_router.get("/project.zip")
+@network_router.get("/project.zip", response_class=ZipFile)
 def project(network: Network, caller: Reader, epoch: int | None = None) -> Response:
     """Return what is in the graph of an epoch as a project."""
     with network.reading(epoch) as found:
@@ -283,4 +311,4 @@ def project(network: Network, caller: Reader, epoch: int | None = None) -> Respo
     with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, text in files.items():
             archive.writestr(f"{network.settings.name}/{name}", text)
-    return _download(target.getvalue(), f"{network.settings.name}.zip", "application/zip")
+    return _download(ZipFile, target.getvalue(), f"{network.settings.name}.zip")

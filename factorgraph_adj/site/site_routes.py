@@ -24,6 +24,12 @@ SESSION_SECONDS = 30 * 86400
 Answer = dict[str, Any]
 
 
+class EventStream(StreamingResponse):
+    """Server-sent events."""
+
+    media_type = "text/event-stream"
+
+
 @site_router.get("/site")
 def the_site(site: TheSite, caller: Reader) -> Answer:
     """Return name, version, networks, and what the caller may do."""
@@ -43,7 +49,9 @@ def kind_names() -> dict[str, dict[str, str]]:
     return {kind: {t.language: t.kind(kind.replace("_", " ")) for t in texts} for kind in KINDS}
 
 
-@site_router.get("/health")
+@site_router.get(
+    "/health", responses={503: {"model": Answer, "description": "Something does not run."}}
+)
 def health(site: TheSite, response: Response) -> Answer:
     """Return whether everything runs; 503 where something does not. Anybody may ask."""
     found = site.health()
@@ -52,7 +60,7 @@ def health(site: TheSite, response: Response) -> Answer:
     return found if site.access.open else {"ok": found["ok"]}
 
 
-@site_router.get("/events")
+@site_router.get("/events", response_class=EventStream)
 async def events(
     site: TheSite,
     caller: Reader,
@@ -70,9 +78,7 @@ async def events(
         async for piece in site.events.follow(last, wanted, names=names):
             yield piece
 
-    return StreamingResponse(
-        lines(), media_type="text/event-stream", headers={"X-Accel-Buffering": "no"}
-    )
+    return EventStream(lines(), headers={"X-Accel-Buffering": "no"})
 
 
 @site_router.get("/instruments")

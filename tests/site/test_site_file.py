@@ -74,10 +74,10 @@ notify = ["mailto:a@b.org", "mailto:a", "htps://b.org/x", "c@d.org", "mqtt://b",
         [
             (8, r"'mailto:a@b.org' needs a mail server.*\[smtp\] with host and sender"),
             (8, "'mailto:a' is no address of e-mail; valid: mailto:NAME@HOST"),
-            (8, "'htps://b.org/x' is no address; valid: mailto:.*; did you mean 'https'?"),
+            (8, "'htps://b.org/…' is no address; valid: mailto:.*; did you mean 'https'?"),
             (8, "'c@d.org' is no address; .*did you mean 'mailto:c@d.org'?"),
             (8, "the topic is missing: mqtt://HOST/TOPIC"),
-            (8, "'https:' is no address; valid: https://HOST/PATH"),
+            (8, "'https:…' is no address; valid: https://HOST/PATH"),
         ],
     ),
     "a mail server": (

@@ -1,9 +1,11 @@
-"""How much memory the objects of this process hold."""
+"""How much memory objects of this process hold, and how much a process has."""
 
 from __future__ import annotations
 
 import gc
+import resource
 import sys
+from pathlib import Path
 
 import numpy as np
 
@@ -26,3 +28,8 @@ def held_bytes() -> int:
             todo += [] if each.base is None else [each.base]
             todo += each.ravel().tolist() if each.dtype.hasobject else []
     return total
+
+
+def resident_bytes(process: int) -> int:
+    """Return the bytes of memory that a process has, by its id (Linux)."""
+    return int(Path(f"/proc/{process}/statm").read_text().split()[1]) * resource.getpagesize()
