@@ -40,7 +40,8 @@ async def caller_of(access: Access, token: str | None) -> Caller:
     Raises:
         NotAllowed: as `Access.caller`.
     """
-    return access.remembered(token) or await asyncio.to_thread(access.caller, token)
+    caller = access.remembered(token)
+    return await asyncio.to_thread(access.caller, token) if caller is None else caller
 
 
 def caller_with(right: Right) -> Callable[[Request], Awaitable[Caller]]:

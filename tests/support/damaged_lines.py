@@ -56,7 +56,9 @@ LINES: dict[str, tuple[Callable[[int], list[str]], dict[str, Any]]] = {
     "nmea": (nmea, {"point": "G", "average": 0, "sigma_mm": 5}),
     "gsi-level": (level, {}),
     "gsi-online": (
-        lambda i: [f"11000{i % 10}+0000000C 21...2+33440350 22...2+09836210 31...6+00583268"],
+        lambda i: [
+            f"11000{i % 10}+0000000C 21...2+33440350 22...2+09836210 31...6+{583000 + i:0>8}"
+        ],
         {"station": "A", "post": "sights", "faces": 1},
     ),
     "sokkia-set": (
