@@ -17,6 +17,8 @@ Found = TypeVar("Found")
 
 MOST_COMPARED = 2_000
 """Largest number of names that are compared with a wrong one, which takes 10 µs for each name."""
+MEANT = "; did you mean"
+"""Begin of the end of a message that asks for the name that was meant."""
 _NUMBER = re.compile(r"\d+")
 _LIST = re.compile(r"(?<=; )(valid|known|it takes): .{60,}?(?=; did you mean '|$)", re.DOTALL)
 """A long list of what would be valid, to the end of a message or to the name that was meant."""
@@ -214,6 +216,15 @@ def known(names: Iterable[object], *, meant: object = "", most: int = 12) -> str
     return ", ".join(listed[:most]) + f", … ({len(listed)} in all)" + asked
 
 
+def counted(n: int, noun: str) -> str:
+    """Return a number with its noun, which takes an s except for 1.
+
+    >>> counted(1, "posting"), counted(2, "posting")
+    ('1 posting', '2 postings')
+    """
+    return f"{n} {noun}{'s' * (n != 1)}"
+
+
 def unknown_name(noun: str, name: object, names: Iterable[object], *, most: int = 12) -> str:
     """Say that a name is unknown, and which are known, see `known`.
 
@@ -248,7 +259,7 @@ def similar(name: str, names: Collection[str]) -> str:
     number = _NUMBER.findall(name)
     there = {n.casefold(): n for n in names if not number or _NUMBER.findall(n) in ([], number)}
     close = get_close_matches(name.casefold(), there, 1)
-    return f"; did you mean {there[close[0]]!r}?" if close else ""
+    return f"{MEANT} {there[close[0]]!r}?" if close else ""
 
 
 _SOURCES = {

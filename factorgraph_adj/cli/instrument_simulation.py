@@ -18,7 +18,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import IO
 
-from ..errors import InputError, Problem, system_reason
+from ..errors import InputError, Problem, counted, system_reason
 from ..files import note_written, refuse_replacing
 from ..instruments.instrument_settings import duration
 from ..instruments.message_rules import iso
@@ -184,7 +184,8 @@ def _print_begin(
             print(f"written: {path}")
     for s, server in zip(stations, servers, strict=True):
         print(
-            f"{s.name} on {s.station}: tcp://{options.host}:{server.port}, {len(s.targets)} targets"
+            f"{s.name} on {s.station}: tcp://{options.host}:{server.port}, "
+            f"{counted(len(s.targets), 'target')}"
         )
         if options.write is None:
             network = site.network.name

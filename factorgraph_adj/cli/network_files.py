@@ -45,6 +45,12 @@ from .messages import (
     problem_lines,
 )
 
+WITHOUT_READINGS = (
+    "If nothing is measured yet: a design needs no readings for `factorgraph-adj plan`, and "
+    "`factorgraph-adj serve` and `factorgraph-adj stream` take readings as they arrive."
+)
+"""Note to a project without readings."""
+
 
 def add_check(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
@@ -95,6 +101,8 @@ def check_project(project: Project, *, every: bool = False) -> int:
         refuse_problems(project)
     except InputError as error:
         print_problems(error.problems, every=every)
+        if not project.network.observations and not project.network.n_image_points:
+            print(WITHOUT_READINGS, file=sys.stderr)
         return EXIT_BAD_INPUT
     network = with_listed_points_apart(project.network)
     content = (
@@ -170,10 +178,7 @@ def _hint_at_plan(options: argparse.Namespace, n_problems: int) -> None:
     except InputError as error:
         if len(error.problems) >= n_problems:
             return
-    print(
-        "If nothing is measured yet: a design needs no readings for `factorgraph-adj plan`.",
-        file=sys.stderr,
-    )
+    print(WITHOUT_READINGS, file=sys.stderr)
 
 
 def add_convert(parser: argparse.ArgumentParser) -> None:

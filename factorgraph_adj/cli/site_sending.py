@@ -13,7 +13,7 @@ from pathlib import Path
 from threading import Event, Thread
 from typing import TYPE_CHECKING, Any
 
-from ..errors import AdjustmentError, InputError, Problem, system_reason
+from ..errors import AdjustmentError, InputError, Problem, counted, system_reason
 from .messages import EXIT_DOUBTFUL, EXIT_FINE, FURTHER_EXIT_CODES
 
 if TYPE_CHECKING:
@@ -95,11 +95,12 @@ def _send(options: argparse.Namespace) -> int:
         except ServiceAway as away:
             if not outbox.on_disk:
                 raise
-            print(f"{away}; {len(outbox)} postings wait in {outbox.path}", file=sys.stderr)
+            kept = counted(len(outbox), "posting")
+            print(f"{away}; {kept} kept in {outbox.path}", file=sys.stderr)
             return EXIT_DOUBTFUL
         if lines.problem is not None:
             raise lines.problem
-    print(f"{lines.number} lines sent, {refused} refused", file=sys.stderr)
+    print(f"{counted(lines.number, 'line')} sent, {refused} refused", file=sys.stderr)
     return EXIT_DOUBTFUL if refused else EXIT_FINE
 
 

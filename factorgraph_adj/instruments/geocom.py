@@ -22,7 +22,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from ..errors import InputError, Problem, known
+from ..errors import InputError, Problem, counted, known
 from ..io.numbers import parse_quantity
 from ..units import ANGLE
 from .grammars import GrammarRecord
@@ -205,7 +205,7 @@ class GeoCom:
     def _sight(self, procedure: Procedure, code: int, values: Sequence[str]) -> Sight:
         """Return the sight of the values of an answer."""
         if len(values) != procedure.values:
-            what = f"{procedure.name} has {procedure.values} values, not {len(values)}"
+            what = f"{procedure.name} has {counted(procedure.values, 'value')}, not {len(values)}"
             raise InputError(what)
         numbers = []
         for value in values:

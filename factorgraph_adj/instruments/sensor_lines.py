@@ -47,7 +47,7 @@ from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
-from ..errors import InputError, Problem, known
+from ..errors import InputError, Problem, counted, known
 from ..io.numbers import MAX_NUMBER
 from ..io.observation_fields import known_fields, name_fields, sigma_fields
 from ..io.observation_records import observation_from_record
@@ -230,7 +230,8 @@ class SensorLines:
         if fields == self.columns:
             return []
         if len(fields) != len(self.columns):
-            raise InputError(f"{len(fields)} fields, and {len(self.columns)} columns are stated")
+            columns = counted(len(self.columns), "stated column")
+            raise InputError(f"{counted(len(fields), 'field')} for {columns}")
         return [dict(zip(self.columns, fields, strict=True))]
 
     def _readings(self, row: Mapping[str, Any]) -> list[Reading]:

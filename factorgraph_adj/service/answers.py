@@ -12,7 +12,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from ..errors import AdjustmentError, InputError, Problem
+from ..errors import MEANT, AdjustmentError, InputError, Problem
 from ..incremental.adjustment import IncrementalAdjustment
 from ..incremental.arrival import Arrival, Waiting
 from ..io.numbers import Units, write_quantity
@@ -425,5 +425,15 @@ def fault(number: int, error: Exception) -> Answer:
 
 
 def cut_short(text: str) -> str:
-    """Return a text cut to `MAX_LETTERS_OF_PROBLEM` characters."""
-    return text if len(text) <= MAX_LETTERS_OF_PROBLEM else text[:MAX_LETTERS_OF_PROBLEM] + "…"
+    """Return a text of at most about `MAX_LETTERS_OF_PROBLEM` characters.
+
+    What may have been meant stands at the end of a list of valid names, and is kept.
+    """
+    if len(text) <= MAX_LETTERS_OF_PROBLEM:
+        return text
+    begin, meant, name = text.rpartition(MEANT)
+    if not meant or len(name) > MAX_LETTERS_OF_PROBLEM // 4:
+        return text[:MAX_LETTERS_OF_PROBLEM] + "…"
+    # The last name of the list is not cut in two.
+    shown = begin[:MAX_LETTERS_OF_PROBLEM].rpartition(", ")[0] or begin[:MAX_LETTERS_OF_PROBLEM]
+    return f"{shown}, …{meant}{name}"

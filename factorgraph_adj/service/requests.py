@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import Any, TypeVar
 
 from ..entities import Camera, Key, Parameter, parameter_name
-from ..errors import InputError, Problem, known
+from ..errors import MEANT, InputError, Problem, known, similar
 from ..io.csv_tables import FieldRow
 from ..io.json_records import camera_of, observation_of
 from ..io.numbers import Units
@@ -20,7 +20,7 @@ from ..io.observation_records import record_label
 from ..models.unknown_registry import UNKNOWNS, VariableKind
 from ..network.network import Network
 from ..observations import AnyObservation
-from ..observations.registry import in_image_table
+from ..observations.registry import KINDS, in_image_table
 from ..planning.target_files import target_of
 from ..planning.targets import Target
 from ..units import LENGTH
@@ -174,6 +174,17 @@ def unknowns_by_kind(
             row.wrong(f"unknowns: {UNKNOWNS[kind].noun} {parameter_name(key)!r} stands twice")
         of_kind[key] = parameter
     return out
+
+
+def without_kind(fields: Mapping[str, Any]) -> str:
+    """Return what is wrong with a line that is neither an observation nor a command."""
+    what = f"neither an observation (kind) nor a command (do); fields: {known(fields, most=6)}"
+    for name, value in fields.items():
+        text = value if isinstance(value, str) else ""
+        kind = text if text in KINDS else similar(text, KINDS)[len(MEANT) :].strip(" '?")
+        if kind:
+            return f'{what}{MEANT} "kind": "{kind}" for {shown_value(name)}?'
+    return what
 
 
 def refuse_unwritable_names(fields: Mapping[str, Any]) -> None:

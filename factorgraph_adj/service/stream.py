@@ -303,8 +303,7 @@ class Stream:
         given = []
         for fields in records:
             if "kind" not in fields:
-                what = "neither an observation (kind) nor a command (do)"
-                raise InputError(Problem(f"{what}; fields: {known(fields, most=6)}"))
+                raise InputError(requests.without_kind(fields))
             given.append(requests.observation_of_record(fields, self.context))
         sizes = [len(o.observations) if isinstance(o, Correlated) else 1 for o in given]
         return self.adjustment.add(given, time=time), sizes

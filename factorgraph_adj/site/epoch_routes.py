@@ -9,6 +9,7 @@ from fastapi import APIRouter, Body, Query
 from ..errors import InputError
 from ..report.layout import finite_json
 from .dependencies import Decider, Network, Reader
+from .live_epochs import no_epoch
 from .network_routes import answer_of, answered
 from .site import NoSuchThing
 
@@ -35,7 +36,8 @@ def epochs(network: Network, caller: Reader) -> list[Answer]:
 @epoch_router.get("/epochs/{number}")
 def epoch(network: Network, caller: Reader, number: int) -> Answer:
     """Return an epoch with its points, displacements, blocks and tests."""
-    for row in network.epochs(results=True):
+    rows = network.epochs(results=True)
+    for row in rows:
         if row["number"] == number:
             result = row["result"] or {}
             findings = result.get("findings") or {}
@@ -51,7 +53,7 @@ def epoch(network: Network, caller: Reader, number: int) -> Answer:
                 "tests",
             )
             return out | {name: findings.get(name) for name in names}
-    raise NoSuchThing(f"network {network.settings.name} has no epoch {number}")
+    raise NoSuchThing(no_epoch(network.settings.name, number, [row["number"] for row in rows]))
 
 
 @epoch_router.post("/epochs")

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 from collections import OrderedDict
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ..errors import InputError
+from ..errors import InputError, known
 from ..incremental.adjustment import IncrementalAdjustment
 from ..io.project import Project
 from ..service.stream import Stream
@@ -19,8 +19,15 @@ from .site_file import NetworkSettings
 
 MAX_LOADED = 3
 """Number of epochs that are in memory: the present one, and closed ones that were opened again."""
+MAX_SHOWN = 6
+"""Number of epochs that a message lists."""
 DROPPED = "dropped"
 """State of a closed epoch whose readings are kept no longer."""
+
+
+def no_epoch(network: str, number: int, numbers: Iterable[int]) -> str:
+    """Return that a network has no epoch of a number, and which are its latest."""
+    return f"network {network} has no epoch {number}; its latest: {known([*numbers][-MAX_SHOWN:])}"
 
 
 @dataclass
@@ -123,7 +130,7 @@ class LiveEpochs:
             return self._loaded[number]
         rows = {row["number"]: row for row in self.rows()}
         if number not in rows:
-            raise InputError(f"network {self.settings.name} has no epoch {number}")
+            raise InputError(no_epoch(self.settings.name, number, rows))
         row = rows[number]
         if row["state"] == DROPPED:
             raise InputError(

@@ -69,7 +69,8 @@ async def post(
     for posting in postings:
         do = posting.get("do", "add")
         if do != "add":
-            site.access.require(caller, "decide" if do in COMMANDS_THAT_CHANGE else "read")
+            changes = isinstance(do, str) and do in COMMANDS_THAT_CHANGE
+            site.access.require(caller, "decide" if changes else "read")
     futures: list[Future[Answer]] = []
     try:
         futures += (network.submit(p, caller.name) for p in postings)

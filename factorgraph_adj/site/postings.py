@@ -9,8 +9,9 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ..errors import AdjustmentError, InputError, Problem
+from ..errors import AdjustmentError, InputError, Problem, known
 from ..service.answers import Answer
+from ..service.requests import shown_value
 from .database import Database
 from .measured_sets import MeasuredSet
 from .posting_transactions import Task
@@ -71,8 +72,10 @@ class Posting:
             return cls(task, record, do, task.received, "", "")
         time, request = posting_time(record, latest, task.received), posting_request(record)
         digest = hashlib.sha256(json.dumps(task.record, sort_keys=True).encode()).hexdigest()
-        if not isinstance(do, str) or do not in COMMANDS_THAT_CHANGE | QUERIES:
-            raise InputError(Problem(f"{do!r} is no command of the service", "do"))
+        commands = COMMANDS_THAT_CHANGE | QUERIES
+        if not isinstance(do, str) or do not in commands:
+            valid = known(sorted(commands), meant=do, most=len(commands))
+            raise InputError(Problem(f"unknown command {shown_value(do)}; valid: {valid}", "do"))
         return cls(task, record, do, time, request, digest, MeasuredSet.of(record))
 
     @property

@@ -122,8 +122,8 @@ def test_times_have_a_format():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("2026-06-01T12:00:00,T7,1.5", "3 fields, and 4 columns"),
-        ("2026-06-01T12:00:00,T7,1.5,20,3", "5 fields, and 4 columns"),
+        ("2026-06-01T12:00:00,T7,1.5", "3 fields for 4 stated columns"),
+        ("2026-06-01T12:00:00,T7,1.5,20,3", "5 fields for 4 stated columns"),
         ("2026-06-01T12:00:00,T7,1.5,warm", "'T' must be a number, not 'warm'"),
         ("2026-06-01T12:00:00,T7,1_5,20", "1_5"),
         ("2026-06-01T12:00:00,T7,1.5,inf", "must be a number"),

@@ -389,6 +389,7 @@ def test_check_hints_at_plan_where_only_readings_are_missing(
     assert code == 2
     assert "value is missing" in err
     assert "a design needs no readings for `factorgraph-adj plan`" in err
+    assert "`factorgraph-adj serve` and `factorgraph-adj stream` take readings" in err
     read = OBSERVATIONS.replace("mm\n", "mm,value\n").replace(",1\n", ",1,70\n")
     (dam / "observations.csv").write_text(read.replace("B,P2,1,", "B,P2,0,"))
     code, _, err = command("check")

@@ -365,7 +365,14 @@ class CannedSite:
             point["sigma_x_mm"] *= 0.98
             points = [{k: point[k] for k in point if k != "ellipse"}]
         answer = {"line": self.number, "ok": True, **row, "points": points, "entered": []}
-        self.tell("arrival", network, epoch=11, do="add", **without(answer), counts=net.counts())
+        self.tell(
+            "arrival",
+            network,
+            epoch=net.epochs[-1]["number"],
+            do="add",
+            **without(answer),
+            counts=net.counts(),
+        )
         return row
 
     def raise_alarm(self, rule: str = "crest", **more: Any) -> Record:
@@ -420,7 +427,7 @@ class CannedSite:
         near = sorted(net.points, key=lambda p: math.dist(at, [p[a] for a in AXES]))[:12]
         net.photos.append(photo(name, *at, [p["name"] for p in near]))
         answer = {"ok": True, "do": "add", "verdicts": [], "entered": [], "points": []}
-        self.tell("arrival", network, epoch=1, **answer, counts=net.counts())
+        self.tell("arrival", network, epoch=net.epochs[-1]["number"], **answer, counts=net.counts())
 
     # -- commands ---------------------------------------------------------------------------------
 
@@ -436,7 +443,7 @@ class CannedSite:
         answer = self._command(net, do, posting)
         answer |= {"ok": True, "do": do, "points": [], "entered": [], "counts": net.counts()}
         ids = posting.get("ids", [posting.get("id")])
-        self.tell("arrival", network, by=by, ids=ids, epoch=11, **answer)
+        self.tell("arrival", network, by=by, ids=ids, epoch=net.epochs[-1]["number"], **answer)
         if name:
             self.requests[name] = answer
         return answer

@@ -81,6 +81,28 @@ def test_errors_say_what_is_wrong(client, method, path, status):
     assert answer.json()["error"][0]["what"]
 
 
+@pytest.mark.parametrize(
+    ("posting", "parts"),
+    [
+        ({"type": "slope_distence", "station": "A"}, ("kind", '"kind": "slope_distance" for ')),
+        ({"kind": "slope_distence"}, ("unknown kind", "; did you mean 'slope_distance'?")),
+        ({"do": "setle"}, ("unknown command 'setle'; valid: accept, ", "did you mean 'settle'?")),
+        ({"do": ["settle"]}, ("unknown command ['settle']; valid: accept, ",)),
+    ],
+)
+def test_a_mistyped_posting_is_asked_for_what_was_meant(client, posting, parts):
+    answer = client.post(f"{ADDRESS}/postings", json=posting)
+    assert answer.status_code == 200
+    (problem,) = answer.json()["error"]
+    assert all(part in problem["what"] for part in parts), problem
+    assert len(problem["what"]) < 700
+
+
+def test_an_epoch_that_is_not_there_is_answered_with_those_that_are(client):
+    (problem,) = client.get(f"{ADDRESS}/epochs/99").json()["error"]
+    assert "has no epoch 99; its latest: " in problem["what"]
+
+
 def test_every_route_needs_its_right(tmp_path):
     with served(tmp_path) as client:
         site = client.app.state.site

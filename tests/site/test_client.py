@@ -229,7 +229,7 @@ def test_what_is_sent_is_on_the_site(served_yard, tmp_path):
     away = SiteProcess(tmp_path, port=9)  # where nobody listens
     kept = ["--outbox", outbox, "--patience", "0.5"]
     code, answers, told = sent(away, "yard", *kept, lines=ARRIVALS[4:6])
-    assert code == 1 and not answers and "2 postings wait" in told
+    assert code == 1 and not answers and "2 postings kept in" in told
     code, answers, told = sent(served_yard, "yard", *kept, lines=[ARRIVALS[6]])
     assert code == 0 and len(answers) == 3
     nowhere = {**WRONG, "id": "n", "target": "NOWHERE"}

@@ -126,7 +126,7 @@ def test_the_light_says_why(browser, server):
         v.sees(".light.ok", "observations fit together")
         row = site.arrive(state="suspect")
         v.sees(".light.doubts", "One suspect observation waits")
-        v.sees("#lamp", "Doubts")
+        v.sees("#lamp", "Check")
         site.fail_instrument("ts1", "connecting", "connection refused")
         v.sees(".light.doubts", "ts1")
         site.raise_alarm()
@@ -137,6 +137,43 @@ def test_the_light_says_why(browser, server):
         v.holds("() => /crest/.test(document.getElementById('say-alarm').textContent)")
         assert v.page.locator("#say-alarm").get_attribute("role") == "alert"
         assert row["id"] in site.networks["small"].observations
+
+
+def test_late_readings_of_an_ended_epoch_leave_the_figures_of_the_present_one(browser, server):
+    site, net = server.site, server.site.networks["small"]
+    figure = "[data-figure=observations] dd"
+    with visit(browser, server) as v:
+        v.sees(figure, str(net.counts()["observations"]))
+        late = net.counts() | {"observations": 7777}
+        site.tell("arrival", "small", epoch=net.epochs[-1]["number"] - 1, ok=True, counts=late)
+        site.arrive()
+        v.sees(figure, str(net.counts()["observations"]))
+        assert "7777" not in v.text("#view")
+
+
+def test_an_epoch_of_the_project_without_readings_is_not_listed(browser, server):
+    net = server.site.networks["small"]
+    assert net.epochs[0]["number"] == 0
+    with visit(browser, server) as v:
+        v.go("epochs")
+        v.sees("tr[data-name='0']")
+        net.epochs[0] |= {"sigma0": None, "counts": {"observations": 0}}
+        v.page.reload()
+        v.sees("tr[data-name='1']")
+        assert not v.page.locator("tr[data-name='0']").count()
+
+
+def test_words_of_the_service_are_marked_as_english(browser, server):
+    with visit(browser, server, language="de-DE") as v:
+        v.go("points/D4")
+        told = v.sees(".cards strong[lang=en][title]").get_attribute("title")
+        assert told.startswith("aim at ")
+        answers = {"error": [{"where": "", "what": "the database is away"}]}
+        v.page.route("**/postings", lambda r: r.fulfill(status=503, json=answers))
+        v.go("verdicts/suspects")
+        v.sees("[data-act=accept]").click()
+        v.sees(".problem", "Nicht ausgeführt: der Dienst kann das jetzt nicht")
+        v.sees(".problem span[lang=en]", "(the database is away)")
 
 
 def test_what_could_not_be_read_makes_no_green_light(browser, server):

@@ -6,6 +6,7 @@ import re
 
 import pytest
 
+from factorgraph_adj.cli.command_line import main
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.instruments.line_sources import SOURCE_FORMS, SOURCES
 from factorgraph_adj.site.alarm_notices import read_mail_server
@@ -232,6 +233,14 @@ def test_an_unknown_key_of_the_mail_server_too():
     table = {"host": "mail.example.org", "sender": "site@example.org", "usr": "site"}
     with pytest.raises(InputError, match=r"'usr'; valid: .*did you mean 'user'"):
         read_mail_server(table, where="site.toml")
+
+
+def test_check_of_a_project_without_readings_says_what_takes_them(tmp_path, capsys):
+    (tmp_path / "project.toml").write_text('name = "wall"\n[files]\npoints = "points.csv"\n')
+    (tmp_path / "points.csv").write_text("name,x,y,z,fixed\nA,0,0,0,xyz\n")
+    assert main(["check", str(tmp_path)]) == 2
+    said = capsys.readouterr().err
+    assert "no observations" in said and "`factorgraph-adj serve`" in said
 
 
 def test_every_source_has_a_form():

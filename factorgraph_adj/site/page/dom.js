@@ -20,6 +20,9 @@ export function fill(box, ...children) {
   return box;
 }
 
+// What the service says: its sentences are English on pages of all languages.
+export const english = (text) => h("span", { lang: "en" }, text);
+
 let last = 0;
 export const freshId = (word) => `${word}-${++last}`;
 

@@ -11,6 +11,8 @@ import { Table } from "./table.js";
 const COLOURS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b08400", "#56b4e9", "#8c8c8c"];
 const SYMBOLS = ["circle", "square", "diamond", "triangle-up", "cross", "x", "star"];
 
+// Epoch 0 is that of the project; where that has no readings, nothing was measured in it.
+const hasBegun = (e) => e.number > 0 || !e.counts || e.counts.observations > 0;
 const movedOf = (e) => e.congruence?.moved ?? [];
 // The reference points may be untested, where there are none; their shape may have changed without
 // a single point that is significant.
@@ -47,7 +49,7 @@ export function epochs(root, [number], signal) {
     if (sure) act(tools, () => request("POST", here("epochs"), { close: true }), () => t("close_done"));
   }));
   root.append(tools, box.node, sigma.node);
-  watch(here("epochs"), (r) => box.show(r, (found) => { if (!table.node.isConnected) fill(box.body, table.node); table.set(found.toReversed()); }), { events: ["epoch"], signal });
+  watch(here("epochs"), (r) => box.show(r, (found) => { if (!table.node.isConnected) fill(box.body, table.node); table.set(found.filter(hasBegun).toReversed()); }), { events: ["epoch"], signal });
   const plot = h("div", { class: "plot", role: "img", "aria-label": t("components_label") });
   let draw = null, data = [];
   watch(here("variance-components"), (r) => sigma.show(r, (found) => {

@@ -28,15 +28,16 @@ export function useLanguage(code) {
   document.documentElement.lang = code;
 }
 
-export function t(key, values = {}) {
+function textOf(key, values) {
   const texts = catalogues[current];
   const text = (values.n === 1 ? texts[`${key}_one`] : undefined) ?? texts[key];
-  if (text === undefined) {
-    console.error(`no text ${key} in ${current}`);
-    return `⟨${key}⟩`;
-  }
-  return text.replace(/\{(\w+)\}/g, (_, name) => values[name] ?? "–");
+  if (text === undefined) console.error(`no text ${key} in ${current}`);
+  return text ?? `⟨${key}⟩`;
 }
+export const t = (key, values = {}) => textOf(key, values).replace(/\{(\w+)\}/g, (_, name) => values[name] ?? "–");
+
+// The same as nodes, for values that are nodes, such as what the service says in English.
+export const nodesOf = (key, values) => textOf(key, values).split(/\{(\w+)\}/).map((part, i) => (i % 2 ? values[part] ?? "–" : part));
 
 // A word of the service that the page knows, or the word itself.
 export const word = (group, value) => {

@@ -16,7 +16,8 @@ export const now = () => Date.now() / 1000;
 export const context = {
   site: null, network: null, role: null,
   summary: null, // of the network when it was chosen: its units and its plane
-  counts: null, // of the latest answer, newer than the summary
+  counts: null, // of the latest answer of the present epoch, newer than the summary
+  epoch: null, // number of the latest epoch that the page has heard of
   log: [], // the latest events, oldest first
   states: new Map(), // latest verdict of observations that the page has heard of
 };
@@ -124,8 +125,11 @@ function take(entry, fresh) {
     for (const id of entry.data.ids ?? []) if (AFTER[answer.do]) context.states.set(id, AFTER[answer.do]);
     for (const v of verdictsOf(answer)) context.states.set(v.id, v.verdict);
     for (const id of answer.waits_again ?? []) context.states.set(id, "waiting");
-    if (fresh && answer.counts) context.counts = answer.counts;
-    if (fresh) patchPoints(answer);
+    if (fresh && answer.counts && isPresent(entry.data.epoch)) context.counts = answer.counts;
+    if (fresh && isPresent(entry.data.epoch)) patchPoints(answer);
+  } else if (entry.event === "epoch" && fresh) {
+    // What is known are the counts of the epoch that ends: the summary, which is read again, has others.
+    if (entry.data.epoch >= (context.epoch ?? 0)) context.counts = null;
   }
   if (fresh) {
     emit("event", entry);
@@ -135,6 +139,14 @@ function take(entry, fresh) {
 
 function wishAll(kind) {
   for (const resource of resources.values()) if (resource.events.has(kind)) resource.wish();
+}
+
+// Late readings open an epoch again: their counts and points are those of that epoch.
+function isPresent(epoch) {
+  if (typeof epoch !== "number") return true;
+  const known = peek(here(""))?.epoch?.number ?? context.summary?.epoch?.number ?? -1;
+  context.epoch = Math.max(context.epoch ?? -1, known, epoch);
+  return epoch === context.epoch;
 }
 
 // Coordinates and σ of points come with the answers; ellipses with the next reading.
@@ -243,7 +255,7 @@ async function fillLog() {
 export async function useNetwork(name) {
   disconnect();
   resources.clear();
-  Object.assign(context, { network: name, summary: null, counts: null, log: [] });
+  Object.assign(context, { network: name, summary: null, counts: null, epoch: null, log: [] });
   context.states.clear();
   lastId = null;
   connection.state = "connecting";

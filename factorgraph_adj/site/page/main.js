@@ -1,7 +1,7 @@
 // The frame of the page: login, networks, views, language, colours, and what is told everywhere.
 import { read, request } from "./api.js";
 import { button, fill, h, say } from "./dom.js";
-import { clock, language, loadLanguages, recall, remember, stamp, t, useKinds, useLanguage } from "./language.js";
+import { clock, language, loadLanguages, nodesOf, recall, remember, stamp, t, useKinds, useLanguage } from "./language.js";
 import { connection, context, forget, here, on, peek, useNetwork, watch } from "./live.js";
 import { freshness, link, pill, reason } from "./parts.js";
 import { alarmSentence, alarmsOf, countsOf, light } from "./state.js";
@@ -37,7 +37,7 @@ function login(told = "") {
       token.value = "";
       await begin();
     } catch (error) {
-      problem.textContent = error.status === 401 || error.status === 403 ? t("login_wrong") : t("failed", { reason: reason(error) });
+      fill(problem, error.status === 401 || error.status === 403 ? t("login_wrong") : nodesOf("failed", { reason: reason(error) }));
       token.focus();
     }
   } } }, h("label", { class: "field" }, t("token"), token), problem, h("div", { class: "row" }, h("button", { type: "submit", class: "main" }, t("login"))));

@@ -37,7 +37,8 @@ export function overview(root, _, signal) {
       [t("doubts"), h("a", { href: link("verdicts", "doubts") }, c.doubts ?? "–")],
       [t("points"), s.points ?? "–"],
       s.photos ? [t("photos"), s.photos] : null,
-      [t("epoch"), s.epoch ? [h("a", { href: link("epochs") }, s.epoch.number), ` ${word("state", s.epoch.state)}`, s.epoch.begin ? [`, ${t("since")} `, moment(s.epoch.begin)] : ""] : "–"],
+      // Epoch 0 is that of the project: without readings of its own nothing has begun.
+      [t("epoch"), s.epoch && (s.epoch.number || c.observations) ? [h("a", { href: link("epochs") }, s.epoch.number), ` ${word("state", s.epoch.state)}`, s.epoch.begin ? [`, ${t("since")} `, moment(s.epoch.begin)] : ""] : "–"],
       s.last_arrival ? [t("last_arrival"), moment(s.last_arrival, { withSeconds: true })] : null,
     ]), h("p", { class: "note" }, t("settings_of", { policy: word("policy", s.policy), alpha: s.alpha ?? "–", datum: word("datum", s.datum), crs: s.crs ?? t("local") })));
   };

@@ -1,7 +1,7 @@
 // Parts that several views have.
 import { command } from "./api.js";
-import { button, fill, h, say } from "./dom.js";
-import { clock, stamp, t, utc, word } from "./language.js";
+import { button, english, fill, h, say } from "./dom.js";
+import { clock, nodesOf, stamp, t, utc, word } from "./language.js";
 import { connection, context, may, now } from "./live.js";
 import { symbol } from "./symbols.js";
 
@@ -15,7 +15,14 @@ export const pointLinks = (names, most = 12) => [
   names.length > most && ` ${t("and_more", { n: names.length - most })}`,
 ];
 
-export const reason = (error) => error.message || String(error);
+// Why something failed, as nodes: in the language of the page what the status says, and the words
+// of the service. Without an answer there are only those of the browser, which say no more.
+const SAID = [0, 403, 413, 429, 503];
+export function reason(error) {
+  const own = SAID.includes(error.status) ? t(`said_${error.status}`) : null;
+  const told = error.status === 0 ? "" : error.message || String(error);
+  return [own, own && told && " ", told && english(own ? `(${told})` : told)];
+}
 
 // A box whose content is drawn from a resource, and which says so where this is not current.
 export function part(title, { level = "h2", id } = {}) {
@@ -31,9 +38,9 @@ export function part(title, { level = "h2", id } = {}) {
       node.classList.toggle("old", Boolean(error) && data !== undefined);
       if (error) {
         node.style.setProperty("--as-of", `"${t("as_of", { at: stamp(at) })}"`);
-        notice.textContent = data === undefined
-          ? lacking ? t("not_offered") : t("unread", { reason: reason(error) })
-          : t("unread_since", { since: clock(resource.failedSince), reason: reason(error), at: stamp(at, true) });
+        fill(notice, data === undefined
+          ? lacking ? t("not_offered") : nodesOf("unread", { reason: reason(error) })
+          : nodesOf("unread_since", { since: clock(resource.failedSince), reason: reason(error), at: stamp(at, true) }));
         if (data === undefined) { body.replaceChildren(); return; }
       } else notice.textContent = "";
       draw(data);
@@ -53,7 +60,7 @@ export async function act(box, fields, done) {
     say(done(answer));
     return answer;
   } catch (error) {
-    told.textContent = t("failed", { reason: reason(error) });
+    fill(told, nodesOf("failed", { reason: reason(error) }));
     return null;
   } finally {
     for (const b of buttons) b.disabled = false;

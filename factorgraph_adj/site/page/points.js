@@ -108,8 +108,8 @@ function drawNext(box, found) {
   const first = found.figures?.[0], determining = found.determining ?? [];
   fill(box, isNumber(metres(first, "now")) ? h("p", {}, t("next_now", { error: mmOf(first, "now", 2) })) : null,
     sights.length
-      ? h("ol", { class: "cards" }, sights.map((s, i) => h("li", { class: "card", title: s.sentence },
-        h("div", {}, i === 0 ? h("strong", {}, `${t("next_best")}: `) : `${i + 1}. `, h("strong", {}, s.station && s.target ? `${s.station} → ${s.target}` : s.name)),
+      ? h("ol", { class: "cards" }, sights.map((s, i) => h("li", { class: "card" },
+        h("div", {}, i === 0 ? h("strong", {}, `${t("next_best")}: `) : `${i + 1}. `, h("strong", { lang: "en", title: s.sentence }, s.station && s.target ? `${s.station} → ${s.target}` : s.name)),
         h("div", { class: "note" }, (s.kinds ?? []).map(kindName).join(", ")),
         h("div", { class: "note figure" }, t("next_gain", { error: mmOf(s.figures?.[0], "after", 2), gain: fixed(100 * s.gain, 1) })))))
       : determining.length ? null : h("p", { class: "note" }, t("next_none")),

@@ -51,7 +51,7 @@ export function light() {
   if (!counts.observations) return { state: "unknown", reasons: [t("light_empty")] };
   if (counts.redundancy <= 0) return { state: "unknown", reasons: [t("light_unchecked", { n: counts.observations })] };
   return { state: "ok", reasons: [[
-    t(low === undefined ? "light_ok" : "light_ok_tested", { n: counts.observations ?? "–", sigma0: fixed(sigma0, 2), low: fixed(low, 2), high: fixed(high, 2) }),
+    t(counts.observations === 0 ? "light_none" : low === undefined ? "light_ok" : "light_ok_tested", { n: counts.observations ?? "–", sigma0: fixed(sigma0, 2), low: fixed(low, 2), high: fixed(high, 2) }),
     alarms ? t("light_no_alarm") : t("light_alarms_none"), own.length ? t("light_instruments_well", { n: own.length }) : "",
   ].join(" ").trim()] };
 }
