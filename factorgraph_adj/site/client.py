@@ -239,8 +239,17 @@ class Client:
         return list(self._asked("POST", path, json=sent, patience=patience).json())
 
     def close_epoch(self, network: str) -> Answer:
-        """End the present epoch of a network, and return its result."""
-        return dict(self._asked("POST", f"/networks/{network}/epochs", json={"close": True}).json())
+        """End the present epoch of a network, and return it with its ``result``.
+
+        It is executed once, as a posting is, however often it has to be tried.
+
+        Raises:
+            ServiceAway: the site did not answer in time; whether the epoch ended is unknown.
+            InputError: the epoch has ended before, the token may not end it, or there is no such
+                network.
+        """
+        asked = requested({"close": True})
+        return dict(self._asked("POST", f"/networks/{network}/epochs", json=asked).json())
 
     def send(
         self,

@@ -58,12 +58,18 @@ def epoch(network: Network, caller: Reader, number: int) -> Answer:
 
 @epoch_router.post("/epochs")
 async def close_epoch(
-    network: Network, caller: Decider, close: Annotated[bool, Body(embed=True)]
+    network: Network,
+    caller: Decider,
+    close: Annotated[bool, Body()],
+    request: Annotated[str | None, Body()] = None,
 ) -> Answer:
-    """End the present epoch; the next posting begins another one."""
+    """End the present epoch; the next posting begins another one.
+
+    A ``request`` is executed once, like that of a posting, and answered again.
+    """
     if not close:
         raise InputError('close must be true: {"close": true} ends the present epoch')
-    (answer,) = await answered([network.close_epoch(caller.name)])
+    (answer,) = await answered([network.close_epoch(caller.name, request)])
     if not answer["ok"]:
         raise InputError(answer["error"][0]["what"])
     return answer

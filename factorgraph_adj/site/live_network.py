@@ -18,7 +18,6 @@ posting for an epoch that has ended opens it again; its result then has the next
 
 from __future__ import annotations
 
-import json
 import queue
 import threading
 import time as clock
@@ -120,15 +119,17 @@ class LiveNetwork:
         task = Task(dict(record), who, clock.time(), Future())
         return self._submit(task)
 
-    def close_epoch(self, who: str = "", number: int | None = None) -> Future[Answer]:
+    def close_epoch(
+        self, who: str = "", request: str | None = None, number: int | None = None
+    ) -> Future[Answer]:
         """End the present epoch; the answer has its result.
 
         Args:
             who: who ends it.
+            request: request, with which it is done once, however often it is asked.
             number: its number, where another epoch that has begun meanwhile is not meant.
         """
-        record = {"do": "close epoch", "number": number}
-        return self._submit(Task(record, who, clock.time(), Future()))
+        return self.submit({"do": "close epoch", "request": request, "number": number}, who)
 
     def present_sets(self) -> tuple[int, dict[str, int]]:
         """Return the number of the present epoch, and how many sets each instrument has there."""
@@ -328,7 +329,10 @@ class LiveNetwork:
                 raise InputError(f"epoch {asked or epoch.number} is closed already")
             result = self._close(epoch, batch)
             batch.actions.append(task.action(do, {"epoch": epoch.number}))
-            return [{"line": line, "ok": True, **epoch.summary(), "result": result}]
+            closed = {"line": line, "ok": True, **epoch.summary(), "result": result}
+            if lot[0].request:
+                batch.requests.append(lot[0].request_row(self.id, closed))
+            return [closed]
         if lot[0].measured is not None:
             refuse_measured_twice(self._database, self.id, lot[0].measured, batch.sets)
         there = {row["number"] for row in self._epochs.rows()}
@@ -359,9 +363,7 @@ class LiveNetwork:
                 self._stale[epoch.number] = clock.monotonic()
                 self._reopen(epoch, batch)
             if posting.request:
-                row = {"network": self.id, "request": posting.request, "digest": posting.digest}
-                row |= {"at": task.received, "answer": json.dumps(answer)}
-                batch.requests.append(row)
+                batch.requests.append(posting.request_row(self.id, answer))
             if posting.measured is not None:
                 batch.sets.append(posting.measured.row(self.id, epoch.number))
             self.clock.posted(time)

@@ -21,9 +21,13 @@ MAX_LETTERS_OF_REQUEST = 200
 MAX_AHEAD = 366 * 86400.0
 """A posting may be so much later than the clock of its network, seconds; more is a wrong clock."""
 COMMANDS_THAT_CHANGE = frozenset(
-    ("add", "accept", "discard", "remove", "replace", "reweight", "snoop", "settle", "retire")
+    (
+        *("add", "accept", "discard", "remove", "replace", "reweight", "snoop", "settle"),
+        *("retire", "close epoch"),
+    )
 )
-"""Commands of the stream protocol that the service records; ``write`` and ``stop`` are refused."""
+"""Commands that the service records: those of the stream protocol that change an epoch, without
+``write`` and ``stop``, and ``close epoch``, which ends the present one."""
 QUERIES = frozenset(
     (
         *("solution", "estimate", "reliability", "waiting", "suspects", "rejected", "doubts"),
@@ -68,8 +72,6 @@ class Posting:
             InputError: a bad time, request or set, or an unknown command.
         """
         record, do = dict(task.record), task.record.get("do", "add")
-        if do == "close epoch":
-            return cls(task, record, do, task.received, "", "")
         time, request = posting_time(record, latest, task.received), posting_request(record)
         digest = hashlib.sha256(json.dumps(task.record, sort_keys=True).encode()).hexdigest()
         commands = COMMANDS_THAT_CHANGE | QUERIES
@@ -77,6 +79,21 @@ class Posting:
             valid = known(sorted(commands), meant=do, most=len(commands))
             raise InputError(Problem(f"unknown command {shown_value(do)}; valid: {valid}", "do"))
         return cls(task, record, do, time, request, digest, MeasuredSet.of(record))
+
+    def request_row(self, network: int, answer: Answer) -> dict[str, Any]:
+        """Return the row with which the request is not executed again, but answered.
+
+        Args:
+            network: id of the row of the network.
+            answer: the answer.
+        """
+        return {
+            "network": network,
+            "request": self.request,
+            "digest": self.digest,
+            "at": self.task.received,
+            "answer": json.dumps(answer),
+        }
 
     @property
     def is_reading(self) -> bool:

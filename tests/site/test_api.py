@@ -39,6 +39,19 @@ def test_a_posting_gets_its_verdict(yard):
     assert [o["id"] for o in rejected["rows"]] == ["s3"]
 
 
+def test_a_request_that_ends_an_epoch_ends_no_other_one(yard):
+    """Its answer may be lost, and the next epoch begin before it is tried again."""
+    asked = {"close": True, "request": "end-1"}
+    first = yard.post(f"{ADDRESS}/epochs", json=asked).json()
+    assert (first["number"], first["state"]) == (1, "closed") and first["result"]["converged"]
+    assert yard.post(f"{ADDRESS}/postings", json=ARRIVALS[0]).json()["epoch"] == 2
+    again = yard.post(f"{ADDRESS}/epochs", json=asked).json()
+    assert again == first | {"repeated": True}
+    assert [e["state"] for e in yard.get(f"{ADDRESS}/epochs").json()] == ["closed", "open"]
+    posted = {**ARRIVALS[1], "request": "end-1"}
+    assert yard.post(f"{ADDRESS}/postings", json=posted).json()["conflict"]
+
+
 def test_points_have_ellipses(yard):
     points = {p["name"]: p for p in yard.get(f"{ADDRESS}/points").json()}
     assert points["C"]["determined"] and points["C"]["object"] and not points["A"]["object"]

@@ -60,6 +60,15 @@ def test_a_posting_is_tried_again_under_the_same_request():
     assert seen[0].headers["authorization"] == "Bearer fga_x"
 
 
+def test_an_epoch_is_ended_by_one_request_however_often_it_is_tried():
+    seen = []
+    lost = httpx2.ReadError("the connection broke")
+    client = client_of([lost, 503, '{"state": "closed"}'], seen)
+    assert client.close_epoch("yard") == {"state": "closed"}
+    bodies = {request.content for request in seen}
+    assert len(seen) == 3 and len(bodies) == 1 and json.loads(bodies.pop())["request"]
+
+
 @pytest.mark.parametrize("status", [401, 403, 404, 409, 413, 422, 500])
 def test_what_another_try_does_not_mend_is_told_at_once(status):
     seen = []
