@@ -39,10 +39,13 @@ class SightQueries(StateQueries):
     ) -> NextSights:
         """Return the observations, among those possible now, that gain most for a target.
 
-        Nothing changes; see `factorgraph_adj.planning.next_sight`.
+        The best is that with the largest gain Σ ln(before/after) of the figures of the target, per
+        cost where costs are stated. Sights that gain nothing are left out. The adjustment does not
+        change; see `factorgraph_adj.planning.next_sight`.
 
         Args:
-            target: names of points, whose position errors are to become small, or targets of plans.
+            target: names of points, whose position errors are to become small, or targets of
+                `factorgraph_adj.planning.targets`.
             candidates: candidates as of a design, such as photos; None: all sights possible now.
             stations: names or patterns; None: all that are set up, with levelling and GNSS.
             to: names or patterns of the points to which sights go; None: all.

@@ -92,7 +92,9 @@ def shown(line: bytes) -> str:
 
 @dataclass
 class FileSource:
-    """A file that another program appends to; it may be rotated or truncated, which is told.
+    """A file that another program appends to.
+
+    Where it is rotated or truncated, it is read from its beginning, which `Health` counts.
 
     Every start reads the file from its beginning: requests of postings make that a line is
     observed once. A file that is not there yet is waited for.
@@ -189,10 +191,13 @@ class TcpSource:
     """A TCP port that an instrument or a converter of a serial port opens; it is connected to."""
 
     host: str
+    """Name or address of the other end."""
     port: int
+    """Its TCP port."""
     first_delay: float = FIRST_DELAY_S
     """Seconds before the second attempt to connect; later ones wait twice as long each."""
     longest_delay: float = LONGEST_DELAY_S
+    """Longest time between two attempts, seconds."""
 
     def lines(self, stop: Event, health: Health) -> Iterator[ReceivedLine | None]:
         """Yield the lines; a connection that ends or fails is made again."""
@@ -256,10 +261,11 @@ class TcpServerSource:
     """A TCP port to which instruments connect, several at a time."""
 
     host: str
+    """Address of this machine on which it listens."""
     port: int
-    """0: a free port, see ``bound``."""
+    """TCP port; 0: a free one, see ``bound``."""
     bound: int = 0
-    """The port that listens."""
+    """The port that listens; 0 before."""
 
     def lines(self, stop: Event, health: Health) -> Iterator[ReceivedLine | None]:
         """Yield the lines of all connections."""
@@ -344,10 +350,13 @@ class SerialSource:
     port: str
     """Device, or a URL of pyserial."""
     baud: int = 9600
+    """Bits per second."""
     bits: int = 8
+    """Data bits of a character: 7 or 8."""
     parity: str = "N"
     """N none, E even, O odd."""
     stop_bits: float = 1
+    """Stop bits of a character: 1, 1.5 or 2."""
 
     def lines(self, stop: Event, health: Health) -> Iterator[ReceivedLine | None]:
         """Yield the lines.

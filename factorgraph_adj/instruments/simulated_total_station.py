@@ -54,12 +54,16 @@ class SimulatedObject:
         self._lock = RLock()
 
     def move(self, of: Fault) -> None:
-        """Let a point move."""
+        """Let a point move as a fault ``displacement`` or ``creep`` says, from its begin on."""
         with self._lock:
             self.moves.append(of)
 
     def displacements(self, time: float) -> dict[str, Array]:
-        """Return the displacements of the points that have moved, (3,), metres."""
+        """Return the displacements of the points that have moved, (3,) metres in the frame.
+
+        Args:
+            time: seconds since 1970 UTC.
+        """
         out: dict[str, Array] = {}
         with self._lock:
             for m in self.moves:
@@ -70,7 +74,11 @@ class SimulatedObject:
         return out
 
     def truth(self, time: float) -> dict[str, Array]:
-        """Return the true places of all points, (3,), metres."""
+        """Return the true places of all points, (3,) metres in the frame.
+
+        Args:
+            time: seconds since 1970 UTC.
+        """
         moved = self.displacements(time)
         return {
             name: np.array(p.coordinates) + moved.get(name, 0.0)
@@ -80,12 +88,12 @@ class SimulatedObject:
     def readings(
         self, station: str, targets: tuple[str, ...], time: float, refraction: float = 0.0
     ) -> dict[str, tuple[float, float, float]]:
-        """Return true direction, zenith angle and slope distance by target.
+        """Return true direction and zenith angle (radians) and slope distance (metres) by target.
 
         Args:
-            station: the instrument.
-            targets: the targets.
-            time: when they are read.
+            station: name of the point of the instrument.
+            targets: names of the targets.
+            time: when they are read, seconds since 1970 UTC.
             refraction: what is added to the coefficient of refraction of the network.
         """
         given, plan = self.network, Network(self.network.name, frame=self.network.frame)
@@ -133,7 +141,15 @@ class SimulatedLine:
 
 @dataclass
 class SimulatedTotalStation:
-    """A total station on a point of an object."""
+    """A total station on a point of an object, which measures a set in two faces each ``interval``.
+
+    Face 1 aims at the targets in their order, face 2 in reverse; the object stands still during a
+    set, so that truth is that of its begin.
+
+    Raises:
+        InputError: all problems: unknown points, names that GSI cannot have, a set that takes
+            longer than the interval.
+    """
 
     of: SimulatedObject
     """What it observes."""
@@ -144,12 +160,13 @@ class SimulatedTotalStation:
     name: str = "ts1"
     """Name of the instrument."""
     seed: int = 0
+    """Seed of the noise; instruments of other names have other noise."""
     accuracies: Accuracies = PILLAR_ACCURACIES
     """Noise of readings; ``None`` of a field is its default."""
     begin: float = 0.0
     """Simulated time of its first sight, seconds since 1970 UTC."""
     interval: float = 600.0
-    """Seconds from set to set."""
+    """Seconds from the begin of a set to that of the next one."""
     sight_time: float = 8.0
     """Seconds from sight to sight."""
     gsi_size: int = 16

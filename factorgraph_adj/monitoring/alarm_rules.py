@@ -41,18 +41,23 @@ OF_REFERENCE = ""
 
 @dataclass(frozen=True)
 class AlarmRule:
-    """When to raise an alarm."""
+    """What is tested, and how many false alarms are allowed.
+
+    Raises:
+        InputError: all fields that are wrong; a ``cusum`` whose ``life`` is not 1 of 1 epochs.
+    """
 
     name: str
     """Name of the rule."""
     test: AlarmTest = "displacement"
     """What it tests."""
     points: tuple[str, ...] = ("*",)
-    """Names or patterns of the objects; nothing for ``congruence``."""
+    """Names or patterns of the objects, at least one; ``congruence`` takes no notice of them."""
     false_alarms_per_month: float = 0.1
     """Expected number of false alarms of all its points, in a month of 30.44 days."""
     size_mm: float = 0.0
-    """Least displacement (mm) or velocity (mm/day) of an alarm, beside the test."""
+    """Smallest length of the displacement (mm), of a ``velocity`` in mm/day, with which an alarm is
+    raised, beside the test; of a ``cusum`` that of the present innovation (mm)."""
     life: AlarmLife = field(default_factory=AlarmLife)
     """k of n epochs, and when it is cleared."""
     allowance: float = 0.5

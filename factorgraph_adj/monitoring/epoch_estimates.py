@@ -35,7 +35,7 @@ class EpochEstimate:
     number: int
     """Number of the epoch."""
     time: float
-    """When it was measured, seconds since 1970 UTC: the middle of its observations."""
+    """When it was measured, seconds since 1970 UTC, such as the middle of its observations."""
     names: tuple[str, ...]
     """Names of the points."""
     coordinates: Array
@@ -45,11 +45,12 @@ class EpochEstimate:
     cofactors: Array
     """Their cofactors Q, (k, k) metres²: the covariance for σ0 = 1."""
     motions: Array
-    """Motions of them that the observations leave open, the datum defects, (k, d)."""
+    """Motions of them that the observations leave open, the d datum defects, (k, d). Their columns
+    span these motions; the lengths of the columns mean nothing."""
     vtpv: float
-    """Weighted sum vᵀPv."""
+    """Weighted sum of squared residuals vᵀPv, without unit."""
     redundancy: int
-    """Redundancy."""
+    """Redundancy of the adjustment."""
     n_observations: int
     """Number of scalar observations."""
     undetermined: tuple[str, ...]
@@ -133,17 +134,30 @@ class EpochEstimate:
         """σ̂0; NaN without redundancy."""
         return float(np.sqrt(self.vtpv / self.redundancy)) if self.redundancy > 0 else float("nan")
 
-    def cofactors_of(self, coordinates: Index) -> Array:
-        """Return Q of free coordinates 3·point + axis (m,): (m, m) metres² for σ0 = 1."""
-        at = self._rows(coordinates)
+    def cofactors_of(self, components: Index) -> Array:
+        """Return Q of free coordinates 3·point + axis (m,): (m, m) metres² for σ0 = 1.
+
+        Raises:
+            InputError: one of them is held, or is none.
+        """
+        at = self._rows(components)
         return np.asarray(self.cofactors[np.ix_(at, at)])
 
-    def motions_of(self, coordinates: Index) -> Array:
-        """Return how the datum defects move free coordinates 3·point + axis (m,): (m, d)."""
-        return np.asarray(self.motions[self._rows(coordinates)])
+    def motions_of(self, components: Index) -> Array:
+        """Return how the datum defects move free coordinates 3·point + axis (m,): (m, d).
 
-    def _rows(self, coordinates: Index) -> Index:
-        return np.asarray(np.searchsorted(self.components, coordinates), dtype=np.intp)
+        Raises:
+            InputError: one of them is held, or is none.
+        """
+        return np.asarray(self.motions[self._rows(components)])
+
+    def _rows(self, components: Index) -> Index:
+        unknown = np.isin(components, self.components)
+        if not unknown.all():
+            wrong = known(np.asarray(components)[~unknown].tolist())
+            what = f"coordinates (3·point + axis) {wrong} are no unknowns, and have no cofactors"
+            raise InputError(Problem(what, f"epoch {self.number}"))
+        return np.asarray(np.searchsorted(self.components, components), dtype=np.intp)
 
     def to_json(self) -> dict[str, Any]:
         """Return the estimate as values of JSON: the upper triangle of Q as text, all digits."""

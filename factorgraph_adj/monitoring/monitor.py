@@ -115,10 +115,12 @@ class Monitor:
     Args:
         rules: the rules.
         interval: time from one epoch to the next, seconds.
-        objects: names or patterns of points that may move; all others are reference points.
+        objects: names or patterns of points that may move; all others with unknown coordinates are
+            reference points. Without such points, as by default, the reference is the datum alone:
+            the points that the epochs hold.
         reference_epochs: number of the first epochs whose mean is the reference.
-        motion: how objects are thought to move.
-        last: number of last epochs whose mean is compared too; 0: none.
+        motion: how objects are thought to move; None: ``MotionModel()``, a constant velocity.
+        last: number of epochs before the added one with whose mean it is compared, too; 0: none.
 
     Raises:
         InputError: two rules have one name, the numbers are not positive, or a rule tests the
@@ -197,7 +199,10 @@ class Monitor:
         """Add an epoch and return what it tells.
 
         Raises:
-            InputError: it is not later than the last one; a rate cannot be kept; frames differ.
+            InputError: it is not later than the last one; a rule has no points, or its rate cannot
+                be kept; an epoch of the reference has another frame than the others, or holds
+                other coordinates. A later epoch that cannot be compared raises nothing: `Findings`
+                have the reason as ``problem``.
         """
         if not epoch.time > self._time:
             raise InputError(

@@ -51,7 +51,11 @@ LOWEST_LEVEL = 1e-14
 
 @dataclass(frozen=True)
 class AlarmLife:
-    """When an alarm is raised, and when it is cleared."""
+    """When an alarm is raised, and when it is cleared: k of n epochs, and hysteresis.
+
+    Raises:
+        InputError: not 1 ≤ k ≤ n ≤ `MAX_WINDOW`, 0 < release ≤ 1, clear_after ≥ n.
+    """
 
     k: int = 1
     """Number of epochs beyond the critical value that raise it …"""
@@ -60,7 +64,7 @@ class AlarmLife:
     release: float = 0.7
     """Hysteresis: the release value of √T, relative to the critical one."""
     clear_after: int = 2
-    """Number of epochs in a row below the release value that clear it, m."""
+    """Number of epochs in a row below the release value that clear it, m ≥ n."""
 
     def __post_init__(self) -> None:
         """Check the numbers."""

@@ -103,13 +103,14 @@ class NextSight:
     candidate: Candidate
     """What would be observed; the observed values are those of its models."""
     gain: float
-    """Σ ln(before/after) of the figures that fail their limits; of all if none fails."""
+    """Σ ln(before/after) of the figures that fail their limits, of all if none fails; no unit."""
     cost: float
-    """Cost of the candidate."""
+    """Cost of the candidate in the unit of ``costs``; 1 where none are stated."""
     figures: tuple[ExpectedFigure, ...]
     """Figures of all items before and after, the most improved first."""
     lacks: bool = False
-    """Whether one of its readings needs something that is not determined, and says nothing."""
+    """Whether one of its readings needs something undetermined, so that this reading adds nothing
+    to the gain."""
 
     @property
     def aim(self) -> str:
@@ -142,7 +143,8 @@ class NextSights(Shown):
     targets: tuple[Target, ...]
     """The targets."""
     sights: tuple[NextSight, ...]
-    """The best first; of a sequence in its order, each after those before it."""
+    """The best first, without those that gain nothing, so that there may be none; of a sequence in
+    its order, each after those before it."""
     examined: int
     """Number of candidates."""
     figures: tuple[ExpectedFigure, ...]

@@ -224,7 +224,7 @@ def protection_levels(
 
     Args:
         result: an adjustment, its reliability, or data snooping.
-        risk: integrity risk ρ of each level.
+        risk: integrity risk ρ of each level, a probability in (0, 1); 10⁻³ unless it is stated.
         faults: largest number of readings with gross errors.
         alpha: probability α0 of a false alarm of one test; None: that of the reliability or of data
             snooping, 0.1 % for an adjustment alone.
@@ -232,6 +232,10 @@ def protection_levels(
         rejected: number of observations that tests have rejected and that the adjustment lacks, 0
             among them; None: an adjustment that is not used where a test rejects. A `Snooping`
             knows its own.
+
+    Returns:
+        Levels in metres of x, y, z in the axes of the frame, and of the errors in plan, in height
+        and in space, with plan and height as of the horizon of each point.
 
     Raises:
         InputError: a risk outside (0, 1), another number of faults, unknown points, an estimated

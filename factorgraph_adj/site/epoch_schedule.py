@@ -19,13 +19,16 @@ VALID = '"6 h" (s, min, h, d), "2 sets", or "by hand"'
 
 @dataclass(frozen=True)
 class EpochSchedule:
-    """When epochs end. Numbers of epochs begin with 1; 0 is that of the project."""
+    """When epochs end: after a length of time, after sets, or by hand where both are None.
+
+    Epochs are numbered from 1; 0 is the epoch of the observations that the project has.
+    """
 
     length: float | None = None
     """Length of an epoch, seconds; None: epochs have no length."""
     sets: int | None = None
-    """Sets that each instrument that posts sets must have posted, with which the epoch ends; None:
-    sets are not counted."""
+    """Number of sets of each instrument that posts sets, after which the epoch ends; None: sets are
+    not counted."""
 
     @classmethod
     def of(cls, text: str) -> EpochSchedule:
@@ -51,18 +54,19 @@ class EpochSchedule:
         return 0.0 if self.length is None else min(GRACE_SHARE * self.length, MAX_GRACE)
 
     def number(self, time: float, begun: float) -> int:
-        """Return the number of the epoch of a time, where epochs have a length.
+        """Return the number of the epoch of a time; the schedule must have a ``length``.
 
         Args:
-            time: seconds UTC.
-            begun: a time in the first epoch. Epochs begin at whole multiples of the length since
-                1970, so that epochs of an hour begin with the hour.
+            time: seconds since 1970 UTC.
+            begun: a time in epoch 1, seconds since 1970 UTC. Epochs begin at whole multiples of the
+                length since 1970, so that epochs of an hour begin with the hour. Times before
+                epoch 1 have numbers below 1.
         """
         assert self.length is not None
         return math.floor(time / self.length) - math.floor(begun / self.length) + 1
 
     def bounds(self, number: int, begun: float) -> tuple[float, float]:
-        """Return begin and end of an epoch, seconds UTC, where epochs have a length."""
+        """Return begin and end of an epoch, seconds since 1970 UTC, as `number` has them."""
         assert self.length is not None
         first = math.floor(begun / self.length) + number - 1
         return first * self.length, (first + 1) * self.length

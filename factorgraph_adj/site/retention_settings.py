@@ -31,11 +31,11 @@ class RetentionSettings:
     """For how long things are kept, seconds; None: for ever."""
 
     journals: float | None = None
-    """Readings of closed epochs."""
+    """Readings of closed epochs, from the end of the epoch, by the clock of the network."""
     answers: float | None = 7.0 * DAY_S
-    """Answers to requests."""
+    """Whole answers to requests, from when these came; they are shortened then."""
     events: float | None = 30.0 * DAY_S
-    """Events."""
+    """Events, from when they happened."""
 
 
 def read_retention(table: object, where: str) -> RetentionSettings:

@@ -138,7 +138,7 @@ class SiteInstruments:
             ]
             number, counts = network.present_sets()
             if min(counts.get(n, 0) for n in own) >= wanted:
-                network.close_epoch(instrument.settings.name, number).result(POSTED_SECONDS)
+                network.close_epoch(instrument.settings.name, number=number).result(POSTED_SECONDS)
 
     def _watch(self) -> None:
         """Tell changes of health."""

@@ -58,6 +58,18 @@ def test_held_epochs():
     assert_same(compare_epochs(stored(first), stored(second, 2)), fga.congruence(first, second))
 
 
+def test_held_coordinates_have_no_cofactors():
+    """Their numbers would take the cofactors of the next unknowns."""
+    found = stored(solved(1))
+    held = np.flatnonzero(~found.free.ravel())
+    assert len(held) and found.cofactors_of(found.components).shape == found.cofactors.shape
+    for wrong in (held[:1], np.array([found.free.size])):
+        with pytest.raises(InputError, match="no unknowns"):
+            found.cofactors_of(wrong)
+        with pytest.raises(InputError, match="no unknowns"):
+            found.motions_of(wrong)
+
+
 def test_kept_points_alone_are_compared_as_if_all_were_kept():
     one, two = solved(3), solved(4, {"Q": (0.02, 0.0)})
     every = compare_epochs(stored(one), stored(two), reference=["A", "B", "C"], objects=["Q"])
