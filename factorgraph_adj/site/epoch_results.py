@@ -3,26 +3,22 @@
 from __future__ import annotations
 
 import json
-from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 from ..errors import AdjustmentError
-from ..incremental.adjustment import IncrementalAdjustment
 from ..monitoring.epoch_estimates import EpochEstimate
 from ..quality.observation_groups import observation_groups
 from ..quality.reliability import Reliability
 from ..report.layout import finite_json
 from ..service.answers import rounded_figure
 from ..service.stream import Stream
+from .epoch_search import rejection_doubts
 
 if TYPE_CHECKING:
     from sqlalchemy import Connection
 
 MIN_REDUNDANCY = 1e-3
 """Redundancy of a kind below which its observations say nothing about their precision."""
-
-MIN_REJECTED, DOUBTFUL_SHARE = 3, 0.25
-"""Readings of a point that were rejected at least, and their share, where its place is doubtful."""
 
 
 def epoch_result(stream: Stream, number: int, time: float) -> dict[str, Any]:
@@ -50,28 +46,6 @@ def epoch_result(stream: Stream, number: int, time: float) -> dict[str, Any]:
     except AdjustmentError as error:
         return out | {"problem": str(error)}
     return out | {"estimate": estimate.to_json()}
-
-
-def rejection_doubts(inc: IncrementalAdjustment) -> list[str]:
-    """Return doubts about points of which a large share of the readings was rejected.
-
-    A wrong reading that is the first of its point is accepted, as nothing controls it. Correct ones
-    that come later then fail their tests, and are rejected one by one.
-    """
-    out = Counter(p for v in inc.rejected if not v.cause for p in v.points)
-    held = {name for name, point in inc.described.points.items() if all(point.fixed)}
-    suspected = {p for p, n in out.items() if n >= MIN_REJECTED and p not in held}
-    if not suspected:
-        return []
-    there = Counter(
-        p for o in inc.described.observations.values() for p in suspected.intersection(o.points())
-    )
-    return [
-        f"{out[p]} of {out[p] + there[p]} readings of {p} were rejected: one that came before them "
-        "may be wrong; accept them, and search for gross errors (snoop)"
-        for p in sorted(suspected)
-        if out[p] > DOUBTFUL_SHARE * (out[p] + there[p])
-    ]
 
 
 def group_figures(found: Reliability) -> list[dict[str, Any]]:

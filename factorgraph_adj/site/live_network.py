@@ -32,6 +32,7 @@ from ..service.answers import Answer, refusal
 from .alarm_tables import SiteAlarm
 from .database import Database, DatabaseAway
 from .epoch_results import epoch_result, record_result
+from .epoch_search import SEARCHER, accepted_by_people, doubtful_points, search_again
 from .epoch_survey import surveyed
 from .live_epochs import LiveEpoch, LiveEpochs
 from .measured_sets import refuse_measured_twice, sets_of_epoch
@@ -443,6 +444,7 @@ class LiveNetwork:
         inc = epoch.stream.adjustment
         if len(inc):
             inc.settle()
+            self._search_again(epoch, batch)
         epoch.revision += 1
         self._epochs.turned(epoch, "closed")
         self._stale.pop(epoch.number, None)
@@ -456,6 +458,18 @@ class LiveNetwork:
         what = "closed" if epoch.revision == 1 else "result"
         batch.events.append(("epoch", {"epoch": epoch.number, "what": what, **epoch.summary()}))
         return {k: v for k, v in result.items() if k != "estimate"}
+
+    def _search_again(self, epoch: LiveEpoch, batch: Batch) -> None:
+        """Search a settled epoch for gross errors, where correct readings may be out."""
+        if not doubtful_points(epoch.stream.adjustment):
+            return
+        about = {"epoch": epoch.number, "time": self.clock.now(), "by": SEARCHER}
+        for record, answer in search_again(epoch.stream, accepted_by_people(self._database)):
+            named = named_ids(record)
+            batch.events.append(("arrival", about | {"do": record["do"]} | named | answer))
+            task = Task(record, SEARCHER, clock.time(), Future())
+            batch.actions.append(task.action(record["do"], record | {"epoch": epoch.number}))
+        epoch.stream.adjustment.settle()
 
     def _middle(self, epoch: LiveEpoch) -> float:
         return epoch.begin if epoch.end is None else 0.5 * (epoch.begin + epoch.end)

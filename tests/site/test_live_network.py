@@ -255,28 +255,57 @@ def test_a_late_reading_opens_its_epoch_again(tmp_path):
             assert len(epoch.stream.adjustment) == len(ARRIVALS) + 1
 
 
-def test_an_epoch_tells_that_a_wrong_first_reading_lets_correct_ones_be_rejected(tmp_path):
-    direction, zenith, distance = BARE[1], BARE[2], BARE[3]
-    at = BEGIN + 60.0
-    wrong = {**distance, "value": distance["value"] + 0.2, "id": "wrong"}
+def wrong_first(live):
+    """Post a wrong distance to C, and then correct ones, one after the other; return an answer."""
+    wrong = {**BARE[3], "value": BARE[3]["value"] + 0.2, "id": "wrong"}
+    for record in (*BARE[:3], wrong, *[BARE[3]] * 4):
+        (answer,) = posted(live, {**record, "time": BEGIN + 60.0})
+    return answer
+
+
+def test_an_epoch_that_ends_gets_back_what_a_wrong_first_reading_let_be_rejected(tmp_path):
     with site_of(tmp_path, epochs="1 h") as site:
         live = yard_of(site)
-        for record in (BARE[0], direction, zenith, wrong, *[distance] * 4):
-            posted(live, {**record, "time": at})  # one after the other
+        assert wrong_first(live)["verdict"] == "rejected"
+        result = live.close_epoch().result(30)["result"]
+        assert not result["doubts"] and result["counts"]["rejected"] == 1
+        with live.reading(1) as epoch:
+            inc = epoch.stream.adjustment
+            assert [v.id for v in inc.rejected] == ["wrong"]
+            estimate = inc.estimate("C")
+        events = site.events.after(0)
+        told = [e.data for e in events if e.kind == "arrival" and e.data["by"] == "site"]
+        assert [t["do"] for t in told] == ["accept", "snoop"] and len(told[0]["ids"]) == 4
+    with site_of(tmp_path, epochs="1 h") as site, yard_of(site).reading(1) as epoch:
+        again = epoch.stream.adjustment
+        assert [v.id for v in again.rejected] == ["wrong"]
+        assert np.allclose(again.estimate("C"), estimate, rtol=0.0, atol=1e-6)
+
+
+def test_what_people_have_accepted_is_not_searched_again(tmp_path):
+    with site_of(tmp_path, epochs="1 h") as site:
+        live = yard_of(site)
+        at = {"time": BEGIN + 60.0}
+        wrong_first(live)
+        (out,) = posted(live, {**BARE[4], **at, "value": BARE[4]["value"] + 0.3})
+        assert out["verdict"] == "rejected"
+        (answer,) = posted(live, {"do": "accept", "ids": [out["id"]], **at})
+        assert answer["ok"]
         result = live.close_epoch().result(30)["result"]
         (doubt,) = result["doubts"]
-        assert doubt.startswith("4 of 7 readings of C were rejected")
+        assert "readings of C were rejected: one that came before" in doubt
         assert result["counts"]["doubts"] == 1
-        with live.reading(1) as epoch:
-            ids = [v.id for v in epoch.stream.adjustment.rejected]
-        commands = {"do": "accept", "ids": ids}, {"do": "snoop"}
-        # What the doubt says to do: the correct ones come back, the wrong one leaves.
-        answers = posted(live, *({**c, "time": at} for c in commands))
-        assert all(a["ok"] for a in answers), answers
-        live.close_stale()
-        with live.reading(1) as epoch:
-            assert [v.id for v in epoch.stream.adjustment.rejected] == ["wrong"]
-        assert not live.epochs(results=True)[1]["result"]["doubts"]
+
+
+def test_an_epoch_in_which_a_point_has_moved_keeps_its_doubt(tmp_path):
+    with site_of(tmp_path, epochs="1 h") as site:
+        live = yard_of(site)
+        posted(live, *({**a, "time": BEGIN + 60.0} for a in BARE[:3]))
+        for further in (0.0, 0.0, 0.0, 0.2, 0.2, 0.2):
+            value = BARE[3]["value"] + further
+            posted(live, {**BARE[3], "value": value, "time": BEGIN + 90.0})
+        result = live.close_epoch().result(30)["result"]
+        assert any("it may have moved within the epoch" in d for d in result["doubts"]), result
 
 
 def test_late_readings_of_an_epoch_are_taken_though_sets_are_retired(tmp_path):
