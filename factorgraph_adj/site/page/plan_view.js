@@ -142,10 +142,10 @@ function drawPlan(root, bar, first, signal) {
     if (number === "") { plan.setVectors([]); return; }
     vectorWatch = new AbortController();
     signal.addEventListener("abort", () => vectorWatch.abort());
-    watch(here(`epochs/${number}`), (r) => plan.setVectors((r.data?.displacements ?? []).map((d) => {
+    watch(here(`epochs/${number}`), (r) => { plan.setVectors((r.data?.displacements ?? []).map((d) => {
       const [dx, dy, up] = turned(["dx", "dy", "dz"].map((a) => metres(d, a)));
       return { name: d.name, dx, dy, up, moved: Boolean(d.moved) };
-    })), { events: ["epoch"], signal: vectorWatch.signal });
+    })); describe(plan.points.names[plan.chosen]); }, { events: ["epoch"], signal: vectorWatch.signal });
   }
   let vectorWatch = null, begun = false;
   watch(here("epochs"), (r) => {
