@@ -11,7 +11,9 @@ from collections.abc import Awaitable, Callable
 from typing import Annotated
 
 from fastapi import Depends, Request
+from fastapi.routing import APIRoute
 
+from ..errors import InputError, Problem, known
 from .access import Access, Caller, Right
 from .live_network import LiveNetwork
 from .site import Site
@@ -44,6 +46,24 @@ async def caller_of(access: Access, token: str | None) -> Caller:
     return await asyncio.to_thread(access.caller, token) if caller is None else caller
 
 
+def refuse_unknown_parameters(request: Request) -> None:
+    """Refuse parameters that a route does not have: a misspelt one would say nothing.
+
+    Raises:
+        InputError: all parameters that are unknown.
+    """
+    route = request.scope.get("route")
+    if not request.query_params or not isinstance(route, APIRoute):
+        return
+    valid = sorted(p.alias for p in route.dependant.query_params)
+    wrong = [name for name in request.query_params if name not in valid]
+    if wrong:
+        raise InputError(
+            Problem(f"unknown parameter {name!r}; valid: {known(valid, meant=name)}", name)
+            for name in wrong
+        )
+
+
 def caller_with(right: Right) -> Callable[[Request], Awaitable[Caller]]:
     """Return a function that gives the caller of a request, who must have a right."""
 
@@ -52,6 +72,7 @@ def caller_with(right: Right) -> Callable[[Request], Awaitable[Caller]]:
         caller = await caller_of(access, token_of(request))
         access.require(caller, right)
         access.slow_down(caller)
+        refuse_unknown_parameters(request)
         return caller
 
     return found

@@ -94,6 +94,14 @@ def test_errors_say_what_is_wrong(client, method, path, status):
     assert answer.json()["error"][0]["what"]
 
 
+def test_a_mistyped_parameter_is_refused(client):
+    answer = client.get(f"{ADDRESS}/covariance?poinst=C&points=C&format=json")
+    assert answer.status_code == 422
+    problems = {p["where"]: p["what"] for p in answer.json()["error"]}
+    assert problems.keys() == {"poinst", "format"}
+    assert problems["poinst"].endswith("; did you mean 'points'?")
+
+
 @pytest.mark.parametrize(
     ("posting", "parts"),
     [

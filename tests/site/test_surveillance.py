@@ -149,7 +149,7 @@ def test_all_problems_of_alarms_are_told():
     with pytest.raises(InputError) as error:
         read_alarms(tables, where="site.toml", networks=["dam"])
     said = str(error.value)
-    for part in ("displacment", "carrier pigeon", "'other'", "name is missing", "after must"):
+    for part in ("displacment", "is no address", "'other'", "name is missing", "after must"):
         assert part in said
     (alarm,) = read_alarms(
         [{"name": "s", "test": "silence", "points": ["ts*"], "after": 60}],
