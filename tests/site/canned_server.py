@@ -183,6 +183,7 @@ def application(site: CannedSite, *, tokens: bool) -> Any:
             while not site.away:
                 for e in site.after(at, network):
                     yield f"id: {e['id']}\nevent: {e['event']}\ndata: {json.dumps(e['data'])}\n\n"
+                    await asyncio.sleep(site.pace)
                 at = max(at, len(site.log))
                 if site.beating and time() - beaten > BEAT:
                     beaten = time()

@@ -316,6 +316,8 @@ class CannedSite:
         """Whether the database is away."""
         self.hanging = "?"
         """End of the path of requests that get no answer."""
+        self.pace = 0.0
+        """Time between two events of a stream, seconds."""
         self.beating = True
         """Whether beats are sent; a connection without them hangs."""
         self.doubts: list[str] = []

@@ -361,6 +361,27 @@ def test_figures_without_a_connection_are_not_shown_as_current(browser, server):
         v.sees(".fresh", "Current at")
 
 
+SHOWN = "[...document.querySelectorAll('#view li[data-id]')].map(e => e.dataset.id)"
+"""Rows of the page, the newest first."""
+
+
+def test_what_was_missed_comes_in_its_order(browser, server):
+    """More than the log of the service has at once, and slower than the log is read."""
+    with visit(browser, server) as v:
+        v.go("verdicts")
+        server.stop()
+        v.sees(".banner", "Connection lost since")
+        missed = [server.site.arrive()["id"] for _ in range(140)]
+        server.site.pace = 0.05
+        server.start()
+        v.holds(f"n => {SHOWN}.filter(id => n.includes(id)).length === n.length", missed)
+        shown = v.page.evaluate(SHOWN)
+        assert shown[: len(missed)] == missed[::-1]
+        log = "async () => (await import('/page/live.js')).context.log.map(e => Number(e.id))"
+        numbers = v.page.evaluate(log)
+        assert numbers == sorted(set(numbers))
+
+
 def test_stale_figures_tell_their_time_themselves(browser, server):
     with visit(browser, server) as v:
         v.sees("[data-figure=sigma0] dd")
