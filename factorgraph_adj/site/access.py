@@ -208,6 +208,32 @@ class Access:
         self.open = False
         return text
 
+    def keep_an_admin(
+        self, *, role: str = "admin", days: float | None = None, without: int | None = None
+    ) -> None:
+        """Refuse a change by which nobody could make tokens any more.
+
+        Args:
+            role: role of a new token.
+            days: after how many days it expires; None: never.
+            without: id of a token that is to be revoked; None: one is to be made.
+
+        Raises:
+            InputError: no token of an admin that does not expire would be there.
+        """
+        there = self.listed()
+        admins = {t["id"] for t in there if t["role"] == "admin" and t["expires"] is None}
+        if without is None and self.open and (role != "admin" or days is not None):
+            raise InputError(
+                "the first token must be that of an admin and not expire: with it everything needs "
+                "a token, and admins alone make others"
+            )
+        if admins == {without}:
+            raise InputError(
+                f"token {without} is the last one of an admin that does not expire: make another "
+                "first"
+            )
+
     def revoke(self, token: int) -> str:
         """Revoke a token, which is refused at once; return its name.
 

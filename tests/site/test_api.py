@@ -206,6 +206,26 @@ def test_a_browser_logs_in_with_a_cookie_and_a_revoked_token_ends_it(tmp_path):
         assert client.get("/api/v1/site").status_code == 401
 
 
+def test_somebody_can_always_make_tokens(tmp_path):
+    with served(tmp_path) as client:
+
+        def made(name, role, **more):
+            return client.post("/api/v1/tokens", json={"name": name, "role": role, **more})
+
+        for role, more in (("viewer", {}), ("admin", {"days": 3.0})):
+            answer = made("first", role, **more)
+            assert answer.status_code == 422
+            assert "the first token must be that of an admin" in answer.json()["error"][0]["what"]
+        assert client.get("/api/v1/site").json()["tokens"] is False
+        client.headers["Authorization"] = f"Bearer {made('boss', 'admin').json()['token']}"
+        assert made("office", "viewer").status_code == made("guest", "admin", days=3.0).status_code
+        ids = {t["name"]: t["id"] for t in client.get("/api/v1/tokens").json()}
+        last = client.delete(f"/api/v1/tokens/{ids['boss']}")
+        assert last.status_code == 422 and "make another first" in last.json()["error"][0]["what"]
+        assert made("deputy", "admin").status_code == 200
+        assert client.delete(f"/api/v1/tokens/{ids['boss']}").status_code == 200
+
+
 def test_a_body_that_is_too_large_is_refused(client):
     answer = client.post(f"{ADDRESS}/postings", content=b"[" + b" " * (17 << 20) + b"]")
     assert answer.status_code == 413
