@@ -147,7 +147,7 @@ def write_site(folder: Path, month: Month, hook: str) -> Path:
     write_project(month.network, folder / "dam")
     lines = ["[site]", f'database = "{new_database(folder)}"', "[[network]]", 'name = "dam"']
     lines += ['project = "dam"', 'policy = "accept"', 'epochs = "1 d"', 'objects = ["D*"]']
-    lines += [f"reference_epochs = {REFERENCE}"]
+    lines += [f"reference_epochs = {REFERENCE}", "reference = 1"]  # as that of the engine
     for rule in RULES:
         lines += ["[[alarm]]", f'name = "{rule.name}"', f'test = "{rule.test}"']
         lines += [f"k = {rule.life.k}", f"n = {rule.life.n}", f'notify = ["{hook}"]']
