@@ -181,10 +181,11 @@ def read_instruments(
     out = [_instrument(row, folder, networks) for row in rows]
     names = [str(row.fields["name"]) for row in rows if "name" in row]
     refuse_names_twice(rows)
-    files = [row.fields["keep_lines"] for row in rows if "keep_lines" in row]
+    # "a.log" and "./a.log" are one file.
+    files = [Path(k) for row in rows if isinstance(k := row.fields.get("keep_lines"), str)]
     for row in rows:
         kept, air = row.fields.get("keep_lines"), row.fields.get("atmosphere")
-        if files.count(kept) > 1:
+        if isinstance(kept, str) and files.count(Path(kept)) > 1:
             row.wrong(f"keep_lines: {kept!r} is that of another instrument, too")
         sensor = air.get("sensor") if isinstance(air, dict) else None
         if sensor is not None and sensor not in names:

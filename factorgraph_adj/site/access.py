@@ -208,29 +208,35 @@ class Access:
         self.open = False
         return text
 
-    def keep_an_admin(
-        self, *, role: str = "admin", days: float | None = None, without: int | None = None
-    ) -> None:
-        """Refuse a change by which nobody could make tokens any more.
+    def refuse_other_first_token(self, role: str, days: float | None) -> None:
+        """Refuse a first token after which nobody could make others.
 
         Args:
-            role: role of a new token.
+            role: its role.
             days: after how many days it expires; None: never.
-            without: id of a token that is to be revoked; None: one is to be made.
 
         Raises:
-            InputError: no token of an admin that does not expire would be there.
+            InputError: there is no token yet, and it is not that of an admin, or expires.
         """
-        there = self.listed()
-        admins = {t["id"] for t in there if t["role"] == "admin" and t["expires"] is None}
-        if without is None and self.open and (role != "admin" or days is not None):
+        if self.open and (role != "admin" or days is not None):
             raise InputError(
                 "the first token must be that of an admin and not expire: with it everything needs "
                 "a token, and admins alone make others"
             )
-        if admins == {without}:
+
+    def refuse_last_admin(self, token: int) -> None:
+        """Refuse that a token is revoked after which nobody could make others.
+
+        Args:
+            token: its id.
+
+        Raises:
+            InputError: it is the last one of an admin that does not expire.
+        """
+        admins = [t["id"] for t in self.listed() if t["role"] == "admin" and t["expires"] is None]
+        if admins == [token]:
             raise InputError(
-                f"token {without} is the last one of an admin that does not expire: make another "
+                f"token {token} is the last one of an admin that does not expire: make another "
                 "first"
             )
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from ..incremental.adjustment import IncrementalAdjustment
@@ -61,7 +61,7 @@ def rejection_doubts(inc: IncrementalAdjustment) -> list[str]:
 
 
 def search_again(
-    stream: Stream, decided: frozenset[str]
+    stream: Stream, decided: Callable[[], frozenset[str]]
 ) -> Iterator[tuple[dict[str, Any], Answer]]:
     """Let readings of doubtful points enter that were rejected on arrival, and search all again.
 
@@ -71,22 +71,23 @@ def search_again(
 
     Args:
         stream: the settled adjustment.
-        decided: ids of the readings that people have accepted.
+        decided: gives the ids of the readings that people have accepted.
 
     Yields:
-        The commands that changed something, with their answers.
+        The commands with their answers; the last one may be a refusal.
     """
     inc = stream.adjustment
     if inc.policy != "reject" or inc.retired is not None or not doubtful_points(inc):
         return
     ids = [v.id for v in inc.rejected if not v.cause]
-    if not ids or decided.intersection(inc.described.observations):
+    if not ids or decided().intersection(inc.described.observations):
         return
     for command in ({"do": "accept", "ids": ids}, {"do": "snoop"}):
         answer = stream.answer_record(command, 0)
+        yield command, answer
         if not answer["ok"]:
             return
-        yield command, answer
+    inc.settle()
 
 
 def accepted_by_people(database: Database) -> frozenset[str]:

@@ -50,7 +50,7 @@ class Event(NamedTuple):
         return {"network": names.get(self.network or 0), "at": self.at} | self.data
 
 
-class Page(NamedTuple):
+class EventPage(NamedTuple):
     """Events that readers take at once, as server-sent events."""
 
     first: int
@@ -61,7 +61,7 @@ class Page(NamedTuple):
     """Their text."""
 
     @classmethod
-    def of(cls, rows: Sequence[Any], names: Mapping[int, str]) -> Page:
+    def of(cls, rows: Sequence[Any], names: Mapping[int, str]) -> EventPage:
         """Write events, whose data stay the text that the database has.
 
         Args:
@@ -102,7 +102,7 @@ class EventLog:
         self._database = database
         self._loop: asyncio.AbstractEventLoop | None = None
         self._waiting: set[asyncio.Event] = set()
-        self._pages: OrderedDict[tuple[Any, ...], asyncio.Task[Page]] = OrderedDict()
+        self._pages: OrderedDict[tuple[Any, ...], asyncio.Task[EventPage]] = OrderedDict()
 
     def changed(self) -> None:
         """Tell all readers that there are new events; any thread may call this."""
@@ -152,14 +152,14 @@ class EventLog:
 
     async def _page(
         self, number: int, networks: tuple[int, ...] | None, names: Mapping[int, str]
-    ) -> Page:
+    ) -> EventPage:
         """Return the next events after a number, which are read once for all who ask for them."""
         key = number, networks
         page = self._pages.get(key)
         if page is None or (page.done() and page.exception() is not None):
 
-            def read() -> Page:
-                return Page.of(self._rows_after(number, networks), names)
+            def read() -> EventPage:
+                return EventPage.of(self._rows_after(number, networks), names)
 
             page = self._pages[key] = asyncio.create_task(asyncio.to_thread(read))
             while len(self._pages) > MAX_PAGES:
@@ -218,9 +218,9 @@ class EventLog:
         waiting = asyncio.Event()
         self._waiting.add(waiting)
 
-        def hello(lost: bool) -> Page:
+        def hello(lost: bool) -> EventPage:
             row = EventRow(newest, None, 0.0, "hello", json.dumps({"lost": lost}))
-            return Page.of([row], names)
+            return EventPage.of([row], names)
 
         try:
             oldest, newest = await asyncio.to_thread(self.bounds)

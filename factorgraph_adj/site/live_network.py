@@ -24,6 +24,7 @@ import time as clock
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import contextmanager
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from ..errors import AdjustmentError, InputError, Problem
@@ -32,7 +33,7 @@ from ..service.answers import Answer, refusal
 from .alarm_tables import SiteAlarm
 from .database import Database, DatabaseAway
 from .epoch_results import epoch_result, record_result
-from .epoch_search import SEARCHER, accepted_by_people, doubtful_points, search_again
+from .epoch_search import SEARCHER, accepted_by_people, search_again
 from .epoch_survey import surveyed
 from .live_epochs import LiveEpoch, LiveEpochs
 from .measured_sets import refuse_measured_twice, sets_of_epoch
@@ -461,15 +462,16 @@ class LiveNetwork:
 
     def _search_again(self, epoch: LiveEpoch, batch: Batch) -> None:
         """Search a settled epoch for gross errors, where correct readings may be out."""
-        if not doubtful_points(epoch.stream.adjustment):
-            return
         about = {"epoch": epoch.number, "time": self.clock.now(), "by": SEARCHER}
-        for record, answer in search_again(epoch.stream, accepted_by_people(self._database)):
+        decided = partial(accepted_by_people, self._database)
+        for record, answer in search_again(epoch.stream, decided):
+            if not answer["ok"]:
+                batch.events.append(("refused", about | {"answer": answer}))
+                continue
             named = named_ids(record)
             batch.events.append(("arrival", about | {"do": record["do"]} | named | answer))
             task = Task(record, SEARCHER, clock.time(), Future())
             batch.actions.append(task.action(record["do"], record | {"epoch": epoch.number}))
-        epoch.stream.adjustment.settle()
 
     def _middle(self, epoch: LiveEpoch) -> float:
         return epoch.begin if epoch.end is None else 0.5 * (epoch.begin + epoch.end)

@@ -164,7 +164,7 @@ def new_token(
     days: Annotated[float | None, Body()] = None,
 ) -> Answer:
     """Make a token; its text is in this answer alone."""
-    site.access.keep_an_admin(role=role, days=days)
+    site.access.refuse_other_first_token(role, days)
     text = site.access.add(name, role, days=days)
     site.record_action(caller.name, "new token", {"name": name, "role": role})
     return {"name": name, "role": role, "token": text}
@@ -173,7 +173,7 @@ def new_token(
 @site_router.delete("/tokens/{token}")
 def revoke_token(site: TheSite, caller: Manager, token: int) -> Answer:
     """Revoke a token by its id."""
-    site.access.keep_an_admin(without=token)
+    site.access.refuse_last_admin(token)
     name = site.access.revoke(token)
     site.record_action(caller.name, "revoke token", {"name": name})
     return {}

@@ -150,8 +150,10 @@ def test_a_disk_that_takes_nothing_is_told(received, tmp_path):
     assert "no such file or folder" in of.health.problem
 
 
-def test_two_instruments_have_no_log_together(tmp_path):
+@pytest.mark.parametrize("other", ["a.lines", "./a.lines"])
+def test_two_instruments_have_no_log_together(tmp_path, other):
     table = {"network": "n", "source": "tcp://127.0.0.1:9", "grammar": "gsi-online"}
-    tables = [{**table, "name": name, "keep_lines": "a.lines"} for name in ("ts1", "ts2")]
+    kept = {"ts1": "a.lines", "ts2": other}
+    tables = [{**table, "name": name, "keep_lines": file} for name, file in kept.items()]
     with pytest.raises(InputError, match="that of another instrument"):
         read_instruments(tables, where="site.toml")

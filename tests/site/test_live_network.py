@@ -282,6 +282,20 @@ def test_an_epoch_that_ends_gets_back_what_a_wrong_first_reading_let_be_rejected
         assert np.allclose(again.estimate("C"), estimate, rtol=0.0, atol=1e-6)
 
 
+def test_a_search_at_the_end_of_an_epoch_that_fails_is_told(tmp_path, monkeypatch):
+    def failing(*_, **__):
+        raise InputError("no search today")
+
+    with site_of(tmp_path, epochs="1 h") as site:
+        live = yard_of(site)
+        wrong_first(live)
+        monkeypatch.setattr(IncrementalAdjustment, "snoop", failing)
+        assert live.close_epoch().result(30)["ok"]
+        told = [e for e in site.events.after(0) if e.data.get("by") == "site"]
+        assert [e.kind for e in told] == ["arrival", "refused"]
+        assert told[1].data["answer"]["error"][0]["what"] == "no search today"
+
+
 def test_what_people_have_accepted_is_not_searched_again(tmp_path):
     with site_of(tmp_path, epochs="1 h") as site:
         live = yard_of(site)
