@@ -192,7 +192,8 @@ class IncrementalAdjustment(SightQueries):
     @property
     def latest_time(self) -> float | None:
         """Time of the latest arrival with a time, seconds; None: none had one."""
-        return self._state.ledger.time
+        with self._lock:
+            return self._state.ledger.time
 
     def _changed(
         self,
