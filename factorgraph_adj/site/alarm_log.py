@@ -141,7 +141,7 @@ def revise(
 
     from .tables import alarms
 
-    why = f"revised after late readings of epoch {by}"
+    why = f"revised after late readings of epoch {by}, or decisions about it"
     wanted = select(alarms).where(alarms.c.network == network, alarms.c.rule.in_([*rules]))
     rows = [dict(r._mapping) for r in connection.execute(wanted.order_by(alarms.c.raised))]
     out, left = AlarmChanges(), list(episodes)

@@ -8,7 +8,8 @@ from fastapi import APIRouter, Body, Query
 
 from ..errors import InputError
 from ..report.layout import finite_json
-from .dependencies import Decider, Network, Reader
+from .decisions import epoch_decisions
+from .dependencies import Decider, Network, Reader, TheSite
 from .live_epochs import no_epoch
 from .network_routes import answer_of, answered
 from .site import NoSuchThing
@@ -34,8 +35,8 @@ def epochs(network: Network, caller: Reader) -> list[Answer]:
 
 
 @epoch_router.get("/epochs/{number}")
-def epoch(network: Network, caller: Reader, number: int) -> Answer:
-    """Return an epoch with its points, displacements, blocks and tests."""
+def epoch(network: Network, site: TheSite, caller: Reader, number: int) -> Answer:
+    """Return an epoch with its points, displacements, blocks, tests and decisions."""
     rows = network.epochs(results=True)
     for row in rows:
         if row["number"] == number:
@@ -52,6 +53,8 @@ def epoch(network: Network, caller: Reader, number: int) -> Answer:
                 "motions",
                 "tests",
             )
+            decided = epoch_decisions(site.database, network.settings.name, number)
+            out["decisions"] = [d.shown() for d in decided]
             return out | {name: findings.get(name) for name in names}
     raise NoSuchThing(no_epoch(network.settings.name, number, [row["number"] for row in rows]))
 

@@ -8,7 +8,6 @@ point was rejected, all of them enter, and data snooping finds the wrong ones am
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -17,7 +16,6 @@ from ..incremental.adjustment import IncrementalAdjustment
 from ..ledger.verdicts import SNOOPED
 from ..service.answers import Answer
 from ..service.stream import Stream
-from .database import Database
 
 MIN_REJECTED, DOUBTFUL_SHARE = 3, 0.25
 """Readings of a point that were rejected at least, and their share, where its place is doubtful."""
@@ -88,16 +86,3 @@ def search_again(
         if not answer["ok"]:
             return
     inc.settle()
-
-
-def accepted_by_people(database: Database) -> frozenset[str]:
-    """Return the ids of all readings that people have accepted."""
-    from sqlalchemy import select
-
-    from .tables import actions
-
-    wanted = select(actions.c.data).where(actions.c.action == "accept", actions.c.who != SEARCHER)
-    with database.reading() as connection:
-        records = [json.loads(r.data) for r in connection.execute(wanted)]
-    named = (record.get("ids", ()) for record in records)
-    return frozenset(i for ids in named for i in ([ids] if isinstance(ids, str) else ids))

@@ -51,6 +51,11 @@ class LiveEpoch:
     journal: JournalTable
     """Its journal."""
 
+    @property
+    def time(self) -> float:
+        """Its time, seconds UTC: its middle, and its begin where it ends by hand or by sets."""
+        return self.begin if self.end is None else 0.5 * (self.begin + self.end)
+
     def summary(self) -> dict[str, Any]:
         """Return the fields that an API shows."""
         names = ("number", "begin", "end", "state", "revision")

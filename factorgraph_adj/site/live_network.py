@@ -32,8 +32,9 @@ from ..io.project import Project
 from ..service.answers import Answer, refusal
 from .alarm_tables import SiteAlarm
 from .database import Database, DatabaseAway
+from .decisions import accepted_by_people
 from .epoch_results import epoch_result, record_result
-from .epoch_search import SEARCHER, accepted_by_people, search_again
+from .epoch_search import SEARCHER, search_again
 from .epoch_survey import surveyed
 from .live_epochs import LiveEpoch, LiveEpochs
 from .measured_sets import refuse_measured_twice, sets_of_epoch
@@ -131,7 +132,7 @@ class LiveNetwork:
             request: request, with which it is done once, however often it is asked.
             number: its number, where another epoch that has begun meanwhile is not meant.
         """
-        return self.submit({"do": "close epoch", "request": request, "number": number}, who)
+        return self.submit({"do": "close epoch", "request": request, "epoch": number}, who)
 
     def present_sets(self) -> tuple[int, dict[str, int]]:
         """Return the number of the present epoch, and how many sets each instrument has there."""
@@ -326,11 +327,11 @@ class LiveNetwork:
         task, do, time = lot[0].task, lot[0].do, max(posting.time for posting in lot)
         if do == "close epoch":
             epoch = self._epochs.present
-            asked = lot[0].record.get("number")
+            asked = lot[0].epoch
             if epoch.state != "open" or asked not in (None, epoch.number):
                 raise InputError(f"epoch {asked or epoch.number} is closed already")
             result = self._close(epoch, batch)
-            batch.actions.append(task.action(do, {"epoch": epoch.number}))
+            batch.actions.append(task.action(do, self._named(epoch)))
             closed = {"line": line, "ok": True, **epoch.summary(), "result": result}
             if lot[0].request:
                 batch.requests.append(lot[0].request_row(self.id, closed))
@@ -338,7 +339,7 @@ class LiveNetwork:
         if lot[0].measured is not None:
             refuse_measured_twice(self._database, self.id, lot[0].measured, batch.sets)
         there = {row["number"] for row in self._epochs.rows()}
-        epoch = self._epochs.present if do in QUERIES else self._epoch_at(time)
+        epoch = self._epoch_of(lot[0], time)
         at = None if self.settings.keep_seconds is None else epoch.arrival_time(time)
         if lot[0].is_reading:
             records = [posting.record for posting in lot]
@@ -368,17 +369,28 @@ class LiveNetwork:
                 batch.requests.append(posting.request_row(self.id, answer))
             if posting.measured is not None:
                 batch.sets.append(posting.measured.row(self.id, epoch.number))
-            self.clock.posted(time)
+            if do == "add":
+                self.clock.posted(time)
             named = named_ids(task.record)
             batch.events.append(("arrival", about | {"do": do} | named | answer))
             if do != "add":
-                batch.actions.append(task.action(do, task.record))
+                batch.actions.append(task.action(do, task.record | self._named(epoch)))
 
     def _recorded(self, lot: Sequence[Posting], batch: Batch) -> dict[str, dict[str, Any]]:
         """Return the rows of requests of postings that were executed already, by request."""
         asked = {posting.request for posting in lot if posting.request}
         here = {r["request"]: r for r in batch.requests if r["request"] in asked}
         return recorded_requests(self._database, self.id, asked - here.keys()) | here
+
+    def _named(self, epoch: LiveEpoch) -> dict[str, Any]:
+        """Return what the record of a decision says of its epoch."""
+        return {"network": self.settings.name, "epoch": epoch.number}
+
+    def _epoch_of(self, posting: Posting, time: float) -> LiveEpoch:
+        """Return the epoch that a posting names, the present one, or that of a time."""
+        if posting.epoch is not None:
+            return self._epochs.epoch(posting.epoch)
+        return self._epochs.present if posting.is_of_present else self._epoch_at(time)
 
     def _epoch_at(self, time: float) -> LiveEpoch:
         """Return the epoch of a time, which begins where there is none."""
@@ -449,7 +461,7 @@ class LiveNetwork:
         epoch.revision += 1
         self._epochs.turned(epoch, "closed")
         self._stale.pop(epoch.number, None)
-        result = epoch_result(epoch.stream, epoch.number, self._middle(epoch))
+        result = epoch_result(epoch.stream, epoch.number, epoch.time)
         result["findings"] = surveyed(
             *(self.surveillance, self.id, lambda: self._epochs.read_rows(results=True)),
             *(epoch, result, batch),
@@ -463,18 +475,16 @@ class LiveNetwork:
     def _search_again(self, epoch: LiveEpoch, batch: Batch) -> None:
         """Search a settled epoch for gross errors, where correct readings may be out."""
         about = {"epoch": epoch.number, "time": self.clock.now(), "by": SEARCHER}
-        decided = partial(accepted_by_people, self._database)
+        of = self._database, self.settings.name, epoch.number
+        decided = partial(accepted_by_people, *of, more=batch.actions)
         for record, answer in search_again(epoch.stream, decided):
             if not answer["ok"]:
                 batch.events.append(("refused", about | {"answer": answer}))
                 continue
-            named = named_ids(record)
-            batch.events.append(("arrival", about | {"do": record["do"]} | named | answer))
+            told = {"do": record["do"]} | named_ids(record) | answer
+            batch.events.append(("arrival", about | told))
             task = Task(record, SEARCHER, clock.time(), Future())
-            batch.actions.append(task.action(record["do"], record | {"epoch": epoch.number}))
-
-    def _middle(self, epoch: LiveEpoch) -> float:
-        return epoch.begin if epoch.end is None else 0.5 * (epoch.begin + epoch.end)
+            batch.actions.append(task.action(record["do"], record | self._named(epoch)))
 
     # -- transactions -----------------------------------------------------------------------------
 

@@ -45,8 +45,10 @@ class NetworkClock:
         wanted = wanted.where(events.c.network == network, events.c.kind == "arrival")
         with database.reading() as connection:
             rows = connection.execute(wanted.limit(MAX_READ)).all()
-        # Some may be late ones of an epoch that has ended.
-        return cls(*max(((float(json.loads(r.data)["time"]), r.at) for r in rows), default=()))
+        told = [(json.loads(r.data), r.at) for r in rows]
+        # Decisions have the time of this machine; some readings may be late ones.
+        came = ((float(data["time"]), at) for data, at in told if data.get("do", "add") == "add")
+        return cls(*max(came, default=()))
 
     def posted(self, at: float) -> None:
         """Note that a posting of a time has come, seconds UTC."""

@@ -17,10 +17,12 @@ from fastapi.responses import JSONResponse
 from ..errors import InputError, Problem
 from ..io.project_writer import network_files
 from ..report.layout import finite_json
+from .decisions import epoch_decisions
 from .dependencies import Network, Poster, Reader, TheSite
 from .live_network import LiveNetwork, Overloaded
 from .observation_list import ObservationList, observation_list
 from .postings import COMMANDS_THAT_CHANGE
+from .site import Site
 from .views import EpochView
 
 network_router = APIRouter(prefix="/networks/{name}", tags=["network"])
@@ -34,8 +36,14 @@ Posting = dict[str, Any]
 Names = Annotated[str, Query(max_length=20_000)]
 
 
-def _seen(network: LiveNetwork, what: Callable[[EpochView], Any]) -> Any:
-    with network.reading() as epoch:
+EpochNumber = int | None
+"""Number of an epoch that a query names; None: the present one."""
+
+
+def _seen(
+    network: LiveNetwork, what: Callable[[EpochView], Any], number: EpochNumber = None
+) -> Any:
+    with network.reading(number) as epoch:
         return finite_json(what(EpochView(epoch, network.settings.objects)))
 
 
@@ -133,40 +141,52 @@ def observations(
     after: str = "",
     point: str = "",
     q: str = "",
+    epoch: EpochNumber = None,
 ) -> Answer:
-    """Return a page of the observations of a state."""
+    """Return a page of the observations of a state, in the present epoch or in another one."""
 
     def page(view: EpochView) -> Answer:
         listed = observation_list(view.epoch)
         return listed.page(state, limit=limit, after=after, point=point, text=q)
 
-    found: Answer = _seen(network, page)
+    found: Answer = _seen(network, page, epoch)
     return found
 
 
-def _others(network: LiveNetwork, state: str) -> Answer:
-    found: Answer = _seen(
-        network, lambda view: {"rows": ObservationList(view.epoch, None).others(state)}
-    )
+def _others(network: LiveNetwork, site: Site, state: str, number: EpochNumber) -> Answer:
+    """Return what is left out of an epoch, with the last decision about each by name."""
+
+    def rows(view: EpochView) -> Answer:
+        return {
+            "epoch": view.epoch.number,
+            "rows": ObservationList(view.epoch, None).others(state),
+        }
+
+    found: Answer = _seen(network, rows, number)
+    decided = epoch_decisions(site.database, network.settings.name, found["epoch"])
+    last = {i: d for d in decided for i in d.ids}
+    for row in found["rows"]:
+        if row["id"] in last:
+            row["decision"] = last[row["id"]].shown()
     return found
 
 
 @network_router.get("/waiting")
-def waiting(network: Network, caller: Reader) -> Answer:
+def waiting(network: Network, site: TheSite, caller: Reader, epoch: EpochNumber = None) -> Answer:
     """Return the observations that wait, and what they lack."""
-    return _others(network, "waiting")
+    return _others(network, site, "waiting", epoch)
 
 
 @network_router.get("/suspects")
-def suspects(network: Network, caller: Reader) -> Answer:
+def suspects(network: Network, site: TheSite, caller: Reader, epoch: EpochNumber = None) -> Answer:
     """Return the observations that wait for a decision."""
-    return _others(network, "suspect")
+    return _others(network, site, "suspect", epoch)
 
 
 @network_router.get("/rejected")
-def rejected(network: Network, caller: Reader) -> Answer:
-    """Return the rejected observations."""
-    return _others(network, "rejected")
+def rejected(network: Network, site: TheSite, caller: Reader, epoch: EpochNumber = None) -> Answer:
+    """Return the rejected observations, each with the last decision that names it."""
+    return _others(network, site, "rejected", epoch)
 
 
 @network_router.get("/doubts")

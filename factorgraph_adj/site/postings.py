@@ -55,6 +55,8 @@ class Posting:
     """When it was measured, seconds UTC."""
     request: str
     """Its request; empty: none."""
+    epoch: int | None
+    """Number of the epoch that a command names; None: it names none."""
     digest: str
     """Digest of all its fields."""
     measured: MeasuredSet | None = None
@@ -69,16 +71,17 @@ class Posting:
             latest: time of the latest posting of the network, seconds UTC.
 
         Raises:
-            InputError: a bad time, request or set, or an unknown command.
+            InputError: a bad time, request, epoch or set, or an unknown command.
         """
         record, do = dict(task.record), task.record.get("do", "add")
         time, request = posting_time(record, latest, task.received), posting_request(record)
+        epoch = None if do == "add" else named_epoch(record)
         digest = hashlib.sha256(json.dumps(task.record, sort_keys=True).encode()).hexdigest()
         commands = COMMANDS_THAT_CHANGE | QUERIES
         if not isinstance(do, str) or do not in commands:
             valid = known(sorted(commands), meant=do, most=len(commands))
             raise InputError(Problem(f"unknown command {shown_value(do)}; valid: {valid}", "do"))
-        return cls(task, record, do, time, request, digest, MeasuredSet.of(record))
+        return cls(task, record, do, time, request, epoch, digest, MeasuredSet.of(record))
 
     def request_row(self, network: int, answer: Answer) -> dict[str, Any]:
         """Return the row with which the request is not executed again, but answered.
@@ -99,6 +102,11 @@ class Posting:
     def is_reading(self) -> bool:
         """Whether it is one observation, or a group."""
         return "do" not in self.record
+
+    @property
+    def is_of_present(self) -> bool:
+        """Whether it is about the present epoch: a question, or a command that states no time."""
+        return self.do in QUERIES or (self.do != "add" and self.task.record.get("time") is None)
 
     @property
     def key(self) -> str | int:
@@ -140,6 +148,20 @@ def posting_time(record: dict[str, Any], latest: float, received: float) -> floa
         what = f"time {given:g} is more than a year later than that of the network"
         raise InputError(Problem(what, "time"))
     return float(given)
+
+
+def named_epoch(record: dict[str, Any]) -> int | None:
+    """Take the number of an epoch out of a command; None where it names none.
+
+    Raises:
+        InputError: it is no number.
+    """
+    given = record.pop("epoch", None)
+    if given is None:
+        return None
+    if isinstance(given, bool) or not isinstance(given, int):
+        raise InputError(Problem("epoch must be the number of an epoch", "epoch"))
+    return given
 
 
 def posting_request(record: dict[str, Any]) -> str:

@@ -269,7 +269,7 @@ def test_an_alarm_that_began_and_ended_in_the_meantime_is_recorded_and_withdrawn
         times = {n: e["time"] for n, e in epochs_of(client).items()}
         assert (alarm["since"], alarm["until"]) == (times[4], times[6])
         assert alarm["state"] == "closed" and alarm["epoch"] == 4 and alarm["value"] > 0
-        assert alarm["revised"] == "revised after late readings of epoch 4"
+        assert alarm["revised"] == "revised after late readings of epoch 4, or decisions about it"
         ids = [a["id"] for a in answers]
         time = readings(3)[0]["time"]
         removed = client.post(

@@ -1,0 +1,214 @@
+"""Decisions about observations of epochs: by whom, about which epoch, and what they change."""
+
+from __future__ import annotations
+
+import pytest
+from sqlalchemy import update
+
+from factorgraph_adj.site.decisions import accepted_by_people
+from factorgraph_adj.site.tables import actions
+from tests.networks.yard import ARRIVALS, WRONG
+from tests.support.sites import ADDRESS, ALARM, HOUR, readings, served, site_of, yard_of
+
+pytestmark = pytest.mark.usefixtures("store")
+BLUNDER = 0.25
+"""Of a distance, metres."""
+
+
+def posted(client, *records):
+    answers = client.post(f"{ADDRESS}/postings", json=[*records]).json()
+    assert all(a["ok"] for a in answers), answers
+    return answers
+
+
+def played(client, hours, wrong, *, rise=0.0):
+    """Post hours of readings, one after the other; one distance of ``wrong`` has a gross error.
+
+    Return the answer to it.
+    """
+    out = None
+    for hour in range(hours):
+        given = readings(hour, rise if hour == wrong else 0.0)
+        posted(client, *given)
+        if hour == wrong:
+            distance = next(r for r in given if r["kind"] == "slope_distance")
+            value = distance["value"] + BLUNDER
+            (out,) = posted(client, {**distance, "value": value, "id": "wrong"})
+    return out
+
+
+def listed(client, epoch, what="rejected"):
+    return client.get(f"{ADDRESS}/{what}", params={"epoch": epoch}).json()["rows"]
+
+
+def decided(client, do, epoch, *ids, **more):
+    (answer,) = posted(client, {"do": do, "epoch": epoch, "ids": [*ids], **more})
+    yard_of(client.app.state.site).close_stale()
+    return answer
+
+
+def test_an_ended_epoch_lists_what_it_has_rejected_with_reasons(tmp_path):
+    with served(tmp_path, epochs="1 h") as client:
+        assert played(client, 4, 1)["verdict"] == "rejected"
+        (row,) = listed(client, 2)
+        assert row["id"] == "wrong" and row["epoch"] == 2 and row["state"] == "rejected"
+        assert row["test"] > 1.0 and row["critical"] > 1.0 and row["small_unit"] == "mm"
+        assert row["innovation"][0] == pytest.approx(-1e3 * BLUNDER, abs=10.0)
+        assert "decision" not in row, "a test has rejected it, and nobody else"
+        assert listed(client, 3) == [] and listed(client, 2, "suspects") == []
+        rows = client.get(f"{ADDRESS}/observations", params={"epoch": 2, "state": "rejected"})
+        assert [r["id"] for r in rows.json()["rows"]] == ["wrong"]
+        assert client.get(f"{ADDRESS}/rejected").json()["rows"] == [], "the present epoch has none"
+        answer = client.get(f"{ADDRESS}/rejected", params={"epoch": 9})
+        assert answer.status_code == 422 and "has no epoch 9" in answer.text
+
+
+def test_a_decision_about_an_ended_epoch_revises_it_and_later_ones(tmp_path):
+    """The reference gets another estimate: what later epochs are compared with changes."""
+    with served(tmp_path, epochs="1 h", more=ALARM) as client:
+        played(client, 5, 0)
+        before = client.get(f"{ADDRESS}/epochs/4").json()
+        answer = decided(client, "accept", 1, "wrong")
+        assert answer["epoch"] == 1 and answer["verdicts"][0]["verdict"] == "accepted"
+        epochs = {e["number"]: e for e in client.get(f"{ADDRESS}/epochs").json()}
+        assert [epochs[n]["revision"] for n in (1, 2, 3, 4)] == [2, 1, 1, 1]
+        assert epochs[1]["counts"]["rejected"] == 0 and epochs[5]["state"] == "open"
+        after = client.get(f"{ADDRESS}/epochs/4").json()
+        assert after["revised"] == 1 and after["displacements"] != before["displacements"]
+        # It can be taken back: the result is that of before.
+        decided(client, "remove", 1, "wrong")
+        again = client.get(f"{ADDRESS}/epochs/4").json()
+        for a, b in zip(again["displacements"], before["displacements"], strict=True):
+            assert a["name"] == b["name"] and a["dz_mm"] == pytest.approx(b["dz_mm"], abs=0.01)
+        events = client.get(f"{ADDRESS}/events").json()
+        told = [e["data"]["what"] for e in events if e["event"] == "epoch"]
+        assert told[-10:] == ["reopened", *["revised"] * 3, "result"] * 2
+        found = client.get(f"{ADDRESS}/epochs/1").json()["decisions"]
+        assert [(d["do"], d["ids"], d["by"]) for d in found] == [
+            ("accept", ["wrong"], "loopback"),
+            ("remove", ["wrong"], "loopback"),
+        ]
+
+
+def test_a_decision_about_an_ended_epoch_raises_and_withdraws_alarms(tmp_path):
+    with served(tmp_path, epochs="1 h", more=ALARM) as client:
+        for hour in range(6):
+            moved = 0.01 if hour == 3 else 0.0
+            rows = [
+                {**r, "id": f"{r['kind']} {n}"} if hour == 3 else r
+                for n, r in enumerate(readings(hour, moved))
+            ]
+            posted(client, *rows)
+        (alarm,) = client.get("/api/v1/alarms", params={"state": "all"}).json()
+        assert alarm["epoch"] == 4
+        levelled = [f"height_difference {n}" for n in range(3)]
+        decided(client, "remove", 4, *levelled)
+        (alarm,) = client.get("/api/v1/alarms", params={"state": "all"}).json()
+        assert alarm["withdrawn"]
+        assert alarm["revised"] == "revised after late readings of epoch 4, or decisions about it"
+
+
+def test_a_decision_names_who_made_it(tmp_path):
+    with served(tmp_path, epochs="1 h") as client:
+        site = client.app.state.site
+        text = site.access.add("office", "surveyor")
+        site.access.add("chief", "admin")
+        headers = {"Authorization": f"Bearer {text}"}
+        yard = tmp_path / "site.toml"
+        yard.write_text(yard.read_text().replace('policy = "reject"', 'policy = "flag"'))
+    with served(tmp_path, epochs="1 h") as client:
+        client.headers.update(headers)
+        for hour in range(3):
+            posted(client, *readings(hour))
+        late = {**readings(1)[3], "value": 59.0, "id": "wrong"}
+        (answer,) = posted(client, late)
+        assert (answer["verdict"], answer["epoch"]) == ("suspect", 2)
+        yard_of(client.app.state.site).close_stale()
+        (suspect,) = listed(client, 2, "suspects")
+        assert suspect["id"] == "wrong"
+        decided(client, "discard", 2, "wrong")
+        (row,) = listed(client, 2)
+        assert row["cause"] == "discarded"
+        assert (row["decision"]["do"], row["decision"]["by"]) == ("discard", "office")
+
+
+def test_a_decision_without_a_time_is_about_the_present_epoch(tmp_path):
+    """However the clock of the instruments differs from that of the machine."""
+    with site_of(tmp_path, epochs="1 h") as site:
+        live = yard_of(site)
+        for record in ARRIVALS:
+            live.submit({**record, "time": 1_700_000_000.0}).result(30)
+        answer = live.submit({**WRONG, "time": 1_700_000_001.0}).result(30)
+        assert answer["verdict"] == "rejected"
+        answer = live.submit({"do": "accept", "ids": [answer["id"]]}).result(30)
+        assert answer["ok"] and answer["epoch"] == 1
+        assert live.clock.latest == 1_700_000_001.0, "a decision is no reading of an instrument"
+        before = live.clock.now()
+    with site_of(tmp_path, epochs="1 h") as site:
+        assert yard_of(site).clock.now() - before < 600.0
+
+
+def test_a_decision_about_an_epoch_that_ended_by_hand_revises_it(tmp_path):
+    with site_of(tmp_path) as site:
+        live = yard_of(site)
+        for record in (*ARRIVALS, WRONG):
+            answer = live.submit(record).result(30)
+        live.close_epoch().result(30)
+        # There is no present epoch that is open: the last one is meant, whether it is named or not.
+        for named in ({}, {"epoch": 1}):
+            do = "remove" if named else "accept"
+            found = live.submit({"do": do, "ids": [answer["id"]], **named}).result(30)
+            assert found["ok"] and found["epoch"] == 1
+            live.close_stale()
+        assert [(r["number"], r["revision"]) for r in live.epochs()] == [(1, 3)]
+
+
+@pytest.mark.parametrize(
+    ("epoch", "said"), [(7, "has no epoch 7"), ("1", "must be the number"), (True, "must be")]
+)
+def test_a_decision_about_no_epoch_is_refused(tmp_path, epoch, said):
+    with site_of(tmp_path) as site:
+        live = yard_of(site)
+        live.submit(ARRIVALS[0]).result(30)
+        answer = live.submit({"do": "accept", "ids": ["x"], "epoch": epoch}).result(30)
+        assert not answer["ok"] and said in answer["error"][0]["what"]
+        reading = live.submit({**ARRIVALS[1], "epoch": 1}).result(30)
+        assert not reading["ok"], "a reading belongs to the epoch of its time"
+
+
+def test_what_people_accept_while_the_service_ends_is_not_searched(tmp_path):
+    """The decision and the search that it forbids share a transaction."""
+    with site_of(tmp_path, epochs="1 h") as site:
+        live = yard_of(site)
+        given = [r for r in readings(0) if r["kind"] == "direction"] + [readings(0)[0]]
+        distance = next(r for r in readings(0) if r["kind"] == "slope_distance")
+        off = [{**distance, "value": distance["value"] + x} for x in (0.0, 0.0, 0.0, 0.5, 0.2)]
+        for record in (*given, *off[:3], {**off[3], "id": "odd"}):
+            live.submit(record).result(30)
+        live.submit(readings(2)[0]).result(30)
+        live.stop()
+        late = [live.submit(off[4]) for _ in range(3)]
+        accepted = live.submit({"do": "accept", "ids": ["odd"], "epoch": 1})
+        live._tasks.put(None)
+        live._run()
+        assert [a.result(0)["verdict"] for a in late] == ["rejected"] * 3
+        assert accepted.result(0)["ok"] and live.epochs()[1]["revision"] == 2
+        assert live.epochs(results=True)[1]["result"]["doubts"], "three of seven are out"
+        assert "site" not in [e.data["by"] for e in site.events.after(0) if e.kind == "arrival"]
+    with site_of(tmp_path, epochs="1 h") as site:
+        assert accepted_by_people(site.database, "yard", 1) == {"odd"}
+
+
+def test_records_of_older_services_count_for_every_epoch(tmp_path):
+    with site_of(tmp_path, epochs="1 h") as site:
+        live = yard_of(site)
+        for record in (*ARRIVALS, WRONG):
+            answer = live.submit({**record, "time": 1_700_000_000.0 + HOUR}).result(30)
+        live.submit({"do": "accept", "ids": [answer["id"]]}).result(30)
+        named = {"yard": True, "other": False}
+        for name, there in named.items():
+            assert bool(accepted_by_people(site.database, name, 1)) == there
+        with site.database.writing() as connection:
+            older = f'{{"do": "accept", "ids": ["{answer["id"]}"]}}'
+            connection.execute(update(actions).values(data=older))
+        assert accepted_by_people(site.database, "yard", 5) == {answer["id"]}
