@@ -58,6 +58,7 @@ class Instrument:
         sensors: SensorBoard | None = None,
         source: LineSource | None = None,
         network: Network | None = None,
+        refuse_ahead: Callable[[float, float], None] = lambda time, received: None,
     ) -> None:
         """Start without lines.
 
@@ -67,12 +68,14 @@ class Instrument:
             sensors: values that the instruments of a site share.
             source: instead of that of the settings.
             network: the network, whose frame and reference system place positions of GNSS.
+            refuse_ahead: takes the time of a reading and of its receipt, seconds UTC; raises
+                `InputError` where the former is still to come.
         """
         self.settings = settings
         self.units = units or Units()
         self.sensors = SensorBoard() if sensors is None else sensors
         self.source = settings.make_source() if source is None else source
-        self.network = network
+        self.network, self._refuse_ahead = network, refuse_ahead
         self.grammar = settings.make_grammar()
         self.health = Health(settings.name)
         self.sets = SetFormation(settings)
@@ -128,6 +131,8 @@ class Instrument:
 
     def _postings(self, line: ReceivedLine, reading: Reading) -> Iterator[Posting]:
         time = self._time(line, reading)
+        if not isinstance(reading, Occupation | InstrumentHeight):  # these hold whenever they were
+            self._refuse_ahead(time, line.received)
         match reading:
             case Occupation():
                 self._set_up = {"station": line}

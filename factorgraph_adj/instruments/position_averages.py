@@ -38,6 +38,7 @@ from ..errors import InputError
 from ..statistical_tests import chi2_upper_quantile
 from ..types import Array
 from .gnss_fixes import GnssFix, Quality
+from .message_rules import AGREEING
 
 OUTLIER_ALPHA = 0.001
 """Probability that a period without outliers loses a position."""
@@ -161,13 +162,15 @@ class PositionAverages:
     """Positions of the present period."""
     _number: int | None = None
     """Number of the present period."""
+    _late: int = 0
+    """Number of positions of earlier periods that have come in a row."""
 
     def take(self, fix: GnssFix) -> PositionAverage | None:
         """Take a position; return the average of the period that it ends.
 
         Raises:
-            InputError: the period that it ends has no average, see `average_of`; the position is
-                taken nevertheless.
+            InputError: the period that it ends has no average, see `average_of`, or what came
+                before was ahead; the position is taken nevertheless.
         """
         if fix.position is None:
             self.left_out["without a position"] += 1
@@ -182,8 +185,19 @@ class PositionAverages:
             return PositionAverage(fix, 1, 0)
         number = math.floor(fix.time / self.period)
         if self._number is not None and number < self._number:
-            self.left_out["late"] += 1
-            return None
+            self._late += 1
+            if self._late < AGREEING:
+                self.left_out["late"] += 1
+                return None
+            # The time before was wrong, by a week for example, or the clock was set back.
+            ahead, self._late = len(self._fixes), 0
+            self.left_out["ahead"] += ahead
+            self._fixes, self._number = [fix], number
+            raise InputError(
+                f"{ahead} positions are left out: their times were ahead of the {AGREEING} that "
+                "came after them"
+            )
+        self._late = 0
         ended = self._number is not None and number > self._number
         before, self._number = self._fixes, number
         if not ended:

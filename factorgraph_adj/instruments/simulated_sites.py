@@ -106,6 +106,7 @@ def instrument_table(
     targets = ", ".join(f'"{t}"' for t in of.targets)
     # At speed, its clock does not agree with the receipt of its lines.
     clock = "instrument" if speed == 1.0 else "stated"
+    played = "" if speed == 1.0 else '# [[network]] has clock = "readings", as its time is played\n'
     return f"""[[instrument]]
 name = "{of.name}"
 network = "{network}"
@@ -114,7 +115,7 @@ grammar = "gsi-online"
 station = "{of.station}"
 targets = [{targets}]
 keep_lines = "{of.name}.lines"
-clock = "{clock}"
+{played}clock = "{clock}"
 [instrument.accuracies]
 sigma_direction_mgon = {a.sigma_direction_mgon}
 sigma_zenith_mgon = {a.sigma_zenith_mgon}
@@ -155,6 +156,7 @@ points = [{objects}]
 false_alarms_per_month = 0.1
 
 """
+    played = "" if speed == 1.0 else 'clock = "readings"\n'
     files["site.toml"] = f"""[site]
 name = "{name}"
 database = "site.sqlite"
@@ -163,7 +165,7 @@ database = "site.sqlite"
 name = "{name}"
 project = "project.toml"
 epochs = "1 h"
-objects = [{objects}]
+{played}objects = [{objects}]
 
 {alarm if objects else ""}{tables}"""
     folder.mkdir(parents=True, exist_ok=True)

@@ -40,7 +40,7 @@ from .live_epochs import LiveEpoch, LiveEpochs
 from .measured_sets import refuse_measured_twice, sets_of_epoch
 from .network_clock import NetworkClock
 from .posting_transactions import Batch, Task
-from .postings import QUERIES, OtherRequest, Posting, named_ids, recorded_requests, repeated_answer
+from .postings import QUERIES, Posting, known_answers, named_ids, recorded_requests
 from .site_file import NetworkSettings
 from .surveillance import Surveillance
 
@@ -92,7 +92,7 @@ class LiveNetwork:
         self.away = ""
         """Why the database could not be written last; empty where it could."""
         self.id, self.begun = self._row()
-        self.clock = NetworkClock.recorded(database, self.id)
+        self.clock = NetworkClock.recorded(settings, database, self.id)
         """Clock by which epochs end."""
         self._epochs = LiveEpochs(settings, project, database, self.id)
         self._thread = threading.Thread(target=self._run, name=f"network {settings.name}")
@@ -270,6 +270,8 @@ class LiveNetwork:
         for task, answer in batch.answered:
             task.future.set_result(answer)
         if batch.events:
+            arrived = any(kind == "arrival" for kind, _ in batch.events)
+            self.last_arrival = clock.time() if arrived else self.last_arrival
             self._changed()
 
     def _answer_all(self, tasks: Sequence[Task], batch: Batch) -> None:
@@ -277,7 +279,7 @@ class LiveNetwork:
         lot: dict[str | int, Posting] = {}
         for task in tasks:
             try:
-                posting = Posting.of(task, self.clock.latest)
+                posting = Posting.of(task)
             except AdjustmentError as error:
                 self._answer_lot([*lot.values()], batch)
                 lot = {}
@@ -301,18 +303,11 @@ class LiveNetwork:
         """Answer postings that arrive together: readings, or one posting of any kind."""
         first = self._lines + 1
         self._lines += len(lot)
-        new: list[Posting] = []
-        answers: dict[int, Answer] = {}
-        recorded = self._recorded(lot, batch)
-        for line, posting in enumerate(lot, first):
-            row = recorded.get(posting.request)
-            if row is None:
-                new.append(posting)
-                continue
-            try:
-                answers[id(posting)] = repeated_answer(row, posting.digest)
-            except OtherRequest as error:
-                answers[id(posting)] = refusal(line, error) | {"conflict": True}
+        answers = known_answers(lot, self._recorded(lot, batch), first, self.clock.refuse_ahead)
+        new = [posting for posting in lot if id(posting) not in answers]
+        for posting in (p for p in lot if id(p) in answers):
+            if not (answer := answers[id(posting)])["ok"] and "conflict" not in answer:
+                self._note(posting, self._epochs.present, answer, batch)
         try:
             told = self._told(new, first, batch) if new else []
         except DatabaseAway:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
-import time as clock
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from ..errors import AdjustmentError, InputError, Problem, known
-from ..service.answers import Answer
+from ..service.answers import Answer, refusal
 from ..service.requests import shown_value
 from .database import Database
 from .measured_sets import MeasuredSet
@@ -18,8 +17,6 @@ from .posting_transactions import Task
 
 MAX_LETTERS_OF_REQUEST = 200
 """Largest number of characters of a request, as its column in the database."""
-MAX_AHEAD = 366 * 86400.0
-"""A posting may be so much later than the clock of its network, seconds; more is a wrong clock."""
 COMMANDS_THAT_CHANGE = frozenset(
     (
         *("add", "accept", "discard", "remove", "replace", "reweight", "snoop", "settle"),
@@ -63,18 +60,17 @@ class Posting:
     """The set of an instrument that it is; None: it says nothing of one."""
 
     @classmethod
-    def of(cls, task: Task, latest: float) -> Posting:
+    def of(cls, task: Task) -> Posting:
         """Read what a posting says beside its content.
 
         Args:
             task: the posting.
-            latest: time of the latest posting of the network, seconds UTC.
 
         Raises:
             InputError: a bad time, request, epoch or set, or an unknown command.
         """
         record, do = dict(task.record), task.record.get("do", "add")
-        time, request = posting_time(record, latest, task.received), posting_request(record)
+        time, request = posting_time(record, task.received), posting_request(record)
         epoch = None if do == "add" else named_epoch(record)
         digest = hashlib.sha256(json.dumps(task.record, sort_keys=True).encode()).hexdigest()
         commands = COMMANDS_THAT_CHANGE | QUERIES
@@ -97,6 +93,23 @@ class Posting:
             "at": self.task.received,
             "answer": json.dumps(answer),
         }
+
+    @property
+    def latest(self) -> float:
+        """The latest time that it states, of the posting or of its set, seconds UTC."""
+        return self.time if self.measured is None else max(self.time, self.measured.end)
+
+    @property
+    def label(self) -> str:
+        """What it is and who sent it, for messages."""
+        inner = self.record.get("observations", ())
+        several = inner if isinstance(inner, list) else [inner]
+        first = several[0] if several and isinstance(several[0], Mapping) else self.record
+        named = [str(first[k]) for k in ("station", "target", "point", "photo") if k in first]
+        label = " ".join((str(first.get("kind", self.do)), " → ".join(named)))
+        label += f" and {len(several) - 1} more" if len(several) > 1 else ""
+        whom = self.task.who if self.measured is None else self.measured.instrument
+        return label.strip() + (f", from {whom}" if whom else "")
 
     @property
     def is_reading(self) -> bool:
@@ -126,16 +139,15 @@ class Posting:
         return self.is_reading and first.is_reading and not alone and self.key not in lot
 
 
-def posting_time(record: dict[str, Any], latest: float, received: float) -> float:
+def posting_time(record: dict[str, Any], received: float) -> float:
     """Take the time of a posting out of its record.
 
     Args:
         record: the posting.
-        latest: time of the latest posting of the network, seconds UTC.
         received: when this one was received, its time where it states none.
 
     Raises:
-        InputError: the time is no time, or is much too late.
+        InputError: the time is no time.
     """
     given = record.pop("time", None)
     if given is None:
@@ -144,9 +156,6 @@ def posting_time(record: dict[str, Any], latest: float, received: float) -> floa
         raise InputError(Problem("time must be seconds since 1970 UTC, a number", "time"))
     if not 0.0 <= given < 1e11:
         raise InputError(Problem(f"time {given:g} is no time in seconds since 1970", "time"))
-    if given > max(latest, clock.time()) + MAX_AHEAD:
-        what = f"time {given:g} is more than a year later than that of the network"
-        raise InputError(Problem(what, "time"))
     return float(given)
 
 
@@ -193,6 +202,36 @@ def recorded_requests(
     wanted = select(requests).where(requests.c.network == network, asked)
     with database.reading() as connection:
         return {row.request: dict(row._mapping) for row in connection.execute(wanted)}
+
+
+def known_answers(
+    lot: Sequence[Posting],
+    recorded: Mapping[str, Mapping[str, Any]],
+    line: int,
+    refuse_ahead: Callable[[float, float, str], None],
+) -> dict[int, Answer]:
+    """Return the answers to those of some postings that are not executed, by their ``id()``.
+
+    Args:
+        lot: the postings.
+        recorded: rows of the requests that were executed, by request.
+        line: number of the line of the first posting.
+        refuse_ahead: takes a time, that of its receipt and what was measured then; raises
+            `InputError` where the time is still to come.
+    """
+    out: dict[int, Answer] = {}
+    for number, posting in enumerate(lot, line):
+        row = recorded.get(posting.request)
+        try:
+            if row is not None:
+                out[id(posting)] = repeated_answer(row, posting.digest)
+            elif posting.do not in QUERIES:
+                refuse_ahead(posting.latest, posting.task.received, posting.label)
+        except OtherRequest as error:
+            out[id(posting)] = refusal(number, error) | {"conflict": True}
+        except InputError as error:
+            out[id(posting)] = refusal(number, error)
+    return out
 
 
 def repeated_answer(row: Mapping[str, Any], digest: str) -> Answer:

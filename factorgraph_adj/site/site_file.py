@@ -6,11 +6,12 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar, cast, get_args
+from typing import Any, Literal, TypeAlias, TypeVar, cast, get_args
 
 from ..errors import InputError, Problem, known
 from ..instruments.instrument_settings import (
     InstrumentSettings,
+    duration,
     read_instruments,
     refuse_names_twice,
 )
@@ -29,6 +30,10 @@ NETWORK_NAME = re.compile(r"[\w.~-]{1,100}", re.ASCII)
 """Names of networks stand in addresses."""
 DEFAULT_ALPHA = 0.001
 """Probability of a false alarm of one test of an arriving observation."""
+Clock: TypeAlias = Literal["machine", "readings"]
+MAX_AHEAD: dict[Clock, float] = {"machine": 600.0, "readings": 366 * 86400.0}
+"""Time by which a reading may be ahead of the clock where the site file states none, seconds: as in
+databases of time series, and for networks that are played a year, beyond which it is an error."""
 SITE_FILE = "site.toml"
 """Name of a site file in a folder."""
 Found = TypeVar("Found")
@@ -61,6 +66,11 @@ class NetworkSettings:
     """Time for which observations of an open epoch are kept before they are retired, seconds."""
     reference_epochs: int = 1
     """Number of the first epochs whose mean is the reference."""
+    clock: Clock = "machine"
+    """Clock with which times of readings are compared: that of this machine, or in a network that
+    is played, whose time runs ahead of it, that of its readings."""
+    max_ahead: float = MAX_AHEAD["machine"]
+    """Time by which a reading may be ahead of the clock, seconds; others are refused."""
 
 
 @dataclass(frozen=True)
@@ -217,6 +227,8 @@ def _network(row: FieldRow, folder: Path) -> NetworkSettings:
     reference, keep = row.whole("reference"), row.number("keep_seconds", positive=True)
     several = row.whole("reference_epochs", least=1)
     objects = row.texts("objects", "names or patterns of points", '["D*", "E1"]')
+    clock = cast(Clock, row.choice("clock", get_args(Clock), "machine"))
+    ahead = _max_ahead(row, MAX_AHEAD[clock])
     row.refuse_left()
     return NetworkSettings(
         *(name, path, cast(Policy, policy), alpha, power, epochs),
@@ -224,4 +236,19 @@ def _network(row: FieldRow, folder: Path) -> NetworkSettings:
         objects or (),
         keep,
         several or 1,
+        clock,
+        ahead,
     )
+
+
+def _max_ahead(row: FieldRow, default: float) -> float:
+    """Return by how much readings may be ahead, seconds; problems are noted in the row."""
+    given = row.take("max_ahead")
+    try:
+        found = default if given is None else duration(given)
+    except ValueError as error:
+        row.wrong(f"max_ahead {error}")
+        return default
+    if found < 0.0:
+        row.wrong(f"max_ahead must not be negative, not {given!r}")
+    return found

@@ -51,6 +51,7 @@ class SiteInstruments:
                 units=networks[s.network].project.units,
                 network=networks[s.network].project.network,
                 sensors=board,
+                refuse_ahead=networks[s.network].clock.refuse_ahead,
             )
             for s in settings
         }

@@ -243,6 +243,25 @@ def test_without_a_period_every_position_is_one():
     assert found.fix is GRID_FIX
 
 
+def test_a_position_of_a_wrong_week_does_not_end_the_averages():
+    """The receiver is wrong once; the third position that comes after it begins its period anew."""
+    averages, found, said = PositionAverages(10.0, 10.0), [], []
+    for i in range(40):
+        at = 6e6 + i + (7 * 86400.0 if i == 15 else 0.0)
+        try:
+            average = averages.take(replace(GRID_FIX, time=at))
+        except InputError as error:
+            said.append(str(error))
+            continue
+        found += [] if average is None else [(average.fix.time, average.used)]
+    # Of 10 to 19 there are five before the wrong one, and two of 18 to 19 after three others.
+    assert found == [(6e6 + 4.5, 10), (6e6 + 12.0, 5), (6e6 + 18.5, 2), (6e6 + 24.5, 10)]
+    assert said == [
+        "1 positions are left out: their times were ahead of the 3 that came after them"
+    ]
+    assert averages.left_out == {"late": 2, "ahead": 1}
+
+
 def test_positions_of_two_sorts_are_refused():
     with pytest.raises(InputError, match="one period"):
         average_of([FIX, GRID_FIX], 0.0)

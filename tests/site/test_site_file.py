@@ -27,6 +27,20 @@ def problems(tmp_path, text):
 
 
 CASES = {
+    "a network with a wrong clock": (
+        """clock = "reading"
+max_ahead = "soon"
+[[network]]
+name = "b"
+project = "."
+max_ahead = -1
+""",
+        [
+            (6, "unknown clock 'reading'; valid: machine, readings; did you mean 'readings'?"),
+            (7, "max_ahead must be a duration such as '10 min'"),
+            (11, "max_ahead must not be negative, not -1"),
+        ],
+    ),
     "a rule with many mistakes": (
         """[[alarm]]
 name = "crest"
