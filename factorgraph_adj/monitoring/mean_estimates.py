@@ -12,7 +12,8 @@ For the mean of all earlier epochs x_t − x̂_{t−1} are innovations: independ
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -20,19 +21,24 @@ from ..blas_threads import with_one_thread
 from ..epochs.congruence_tests import motion_basis, weight_of_differences
 from ..epochs.differences import aligned_points, epoch_places
 from ..errors import InputError, Problem
+from ..frames import Frame, frame_of_record, frame_record
+from ..ledger.journal_entries import ALL_DIGITS, packed, unpacked
 from ..types import Array, Index, Mask
 from .epoch_estimates import EpochEstimate
 
 MIN_DETERMINED = 1e-10
 """Eigenvalue of N, relative to the largest one after N was scaled to an even diagonal, below which
 every epoch leaves a motion open."""
+_NUMBERS = ("squares", "rows", "number", "times", "n_observations", "datum")
+"""What a record of a mean has beside points, equations and frame."""
 
 
 class MeanEstimate:
     """Mean of epochs, to which further ones are added."""
 
     def __init__(self, epochs: Iterable[EpochEstimate] = ()) -> None:
-        self._first: EpochEstimate | None = None
+        self._frame: Frame | None = None
+        self._datum = ""
         self._names: list[str] = []
         self._coordinates = np.zeros((0, 3))
         self._free = np.zeros((0, 3), dtype=bool)
@@ -41,14 +47,15 @@ class MeanEstimate:
         """Σ (vᵀPv + dᵀWd) of the epochs."""
         self._rows = 0
         """Σ (redundancy + rank W) of the epochs."""
-        self._times: list[float] = []
+        self._number, self._times = 0, 0.0
+        """Number of the epochs, and the sum of their times."""
         self._n_observations = 0
         for epoch in epochs:
             self.add(epoch)
 
     def __len__(self) -> int:
         """Return the number of epochs."""
-        return len(self._times)
+        return self._number
 
     @with_one_thread
     def add(self, epoch: EpochEstimate) -> None:
@@ -58,12 +65,12 @@ class MeanEstimate:
             InputError: its frame is another one; it holds coordinates that are unknown in others,
                 or the other way round; it cannot be moved onto the first.
         """
-        if self._first is None:
-            self._first = epoch
-        elif epoch.frame != self._first.frame:
+        if self._frame is None:
+            self._frame, self._datum = epoch.frame, epoch.datum
+        elif epoch.frame != self._frame:
             raise InputError(
                 Problem(
-                    f"its frame is {epoch.frame}, that of the others {self._first.frame}",
+                    f"its frame is {epoch.frame}, that of the others {self._frame}",
                     f"epoch {epoch.number}",
                 )
             )
@@ -91,11 +98,12 @@ class MeanEstimate:
         g = motion_basis(_evened(motions))
         w = weight_of_differences(q, g)
         d = (x - self._coordinates[at])[epoch.free]
-        self._normal[np.ix_(rows, rows)] += w
+        self._normal[np.ix_(rows, rows)] += (w + w.T) / 2.0
         self._right[rows] += w @ d
         self._squares += epoch.vtpv + float(d @ w @ d)
         self._rows += epoch.redundancy + len(d) - g.shape[1]
-        self._times.append(epoch.time)
+        self._number += 1
+        self._times += epoch.time
         self._n_observations += epoch.n_observations
 
     def _moved(self, epoch: EpochEstimate, here: Index, old: Index) -> tuple[Array, Array, Array]:
@@ -146,7 +154,7 @@ class MeanEstimate:
         Raises:
             InputError: no epoch was added.
         """
-        if self._first is None:
+        if self._frame is None:
             raise InputError("the mean of no epochs: add one")
         scale = np.sqrt(np.diag(self._normal))
         even = self._normal / np.outer(scale, scale)
@@ -163,7 +171,7 @@ class MeanEstimate:
         x[self._free] += shift
         return EpochEstimate(
             number,
-            float(np.mean(self._times)),
+            self._times / self._number,
             tuple(self._names),
             x,
             np.flatnonzero(self._free),
@@ -173,9 +181,38 @@ class MeanEstimate:
             self._rows - int(known.sum()),
             self._n_observations,
             (),
-            "free" if g.shape[1] else self._first.datum,
-            self._first.frame,
+            "free" if g.shape[1] else self._datum,
+            self._frame,
         )
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the mean as values of JSON, all digits, to which epochs can be added again."""
+        return {
+            "names": self._names,
+            "coordinates": packed(self._coordinates, ALL_DIGITS),
+            "free": self._free.tolist(),
+            "normal": packed(self._normal[np.triu_indices(len(self._right))], ALL_DIGITS),
+            "right": packed(self._right, ALL_DIGITS),
+            **{name: getattr(self, f"_{name}") for name in _NUMBERS},
+            **({} if self._frame is None else frame_record(self._frame)),
+        }
+
+    @classmethod
+    def from_json(cls, record: Mapping[str, Any]) -> MeanEstimate:
+        """Return the mean of a record of `to_json`."""
+        out, k = cls(), len(record["names"])
+        out._names = [*record["names"]]
+        out._coordinates = unpacked(record["coordinates"], k, 3, digits=ALL_DIGITS)
+        out._free = np.array(record["free"], dtype=bool).reshape(k, 3)
+        out._right = unpacked(record["right"], -1, digits=ALL_DIGITS)
+        n = len(out._right)
+        upper, out._normal = np.triu_indices(n), np.zeros((n, n))
+        out._normal[upper] = unpacked(record["normal"], len(upper[0]), digits=ALL_DIGITS)
+        out._normal[upper[::-1]] = out._normal[upper]
+        for name in _NUMBERS:
+            setattr(out, f"_{name}", record[name])
+        out._frame = frame_of_record(record) if out._number else None
+        return out
 
 
 def _evened(g: Array) -> Array:

@@ -8,14 +8,16 @@ The first epochs are the reference, as their mean. Every later epoch is
 3. compared with the mean of the last n epochs, where that is wanted,
 4. and given to the motion filter of each point.
 
-The rules then test, and raise, continue and clear alarms. A monitor has no state but the epochs it
-was given: the same epochs give the same findings, after a restart too.
+The rules then test, and raise, continue and clear alarms. The same epochs give the same findings.
+What a monitor knows of them does not grow with their number: `Monitor.to_json` has it, and a
+monitor that has resumed it finds the same in later epochs, in all digits.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any
 
 import numpy as np
 
@@ -51,6 +53,7 @@ REFERENCE_PART = 0.1
 """Largest number of such searches in a month, relative to the lowest stated rate. A point that
 leaves by chance has the largest error of all, and takes the displacements of the objects with
 it."""
+_LEVELS = tuple(f.name for f in fields(RuleLevels))
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,6 +182,42 @@ class Monitor:
             found.add(epoch)
         return found
 
+    def to_json(self) -> dict[str, Any]:
+        """Return what the monitor knows of its epochs as values of JSON, all digits."""
+        levels = self._levels
+        return {
+            "reference": None if self._base is not None else self._reference.to_json(),
+            "base": None if self._base is None else self._base.to_json(),
+            "mean": self._mean.to_json(),
+            "recent": [e.to_json() for e in self._recent],
+            "levels": None if levels is None else {n: dict(getattr(levels, n)) for n in _LEVELS},
+            "motions": {name: motion.to_json() for name, motion in self._motions.items()},
+            "sums": [[*key, s.tolist()] for key, s in self._sums.items()],
+            "alarms": [asdict(a) for a in self._alarms.values()],
+            "time": self._time,
+        }
+
+    def resume(self, record: Mapping[str, Any]) -> None:
+        """Know what another monitor with the same rules and options knew.
+
+        Args:
+            record: its record of `to_json`.
+        """
+        base, levels = record["base"], record["levels"]
+        self._base = None if base is None else EpochEstimate.from_json(base)
+        if base is None:
+            self._reference = MeanEstimate.from_json(record["reference"])
+        self._mean = MeanEstimate.from_json(record["mean"])
+        self._recent = [EpochEstimate.from_json(e) for e in record["recent"]]
+        self._levels = None if levels is None else RuleLevels(**levels)
+        self._motions = {
+            name: Motion.from_json(m, self.motion) for name, m in record["motions"].items()
+        }
+        self._sums = {(rule, point): np.array(s, float) for rule, point, s in record["sums"]}
+        states = [AlarmState(**a | {"exceeded": tuple(a["exceeded"])}) for a in record["alarms"]]
+        self._alarms = {(a.rule, a.point): a for a in states}
+        self._time = float(record["time"])
+
     @property
     def reference(self) -> EpochEstimate | None:
         """The reference; None before its last epoch."""
@@ -216,7 +255,7 @@ class Monitor:
         if self._base is None:
             self._reference.add(epoch)
             self._mean.add(epoch)
-            self._recent.append(epoch)
+            self._recent = [*self._recent, epoch][-self.last :] if self.last else []
             if len(self._reference) == self.reference_epochs:
                 self._base = self._reference.estimate(epoch.number)
             return Findings(epoch.number, epoch.time)
@@ -228,7 +267,7 @@ class Monitor:
             return Findings(epoch.number, epoch.time, problem=str(error))
         findings = self._tested(self._base, epoch, found, innovations, recent)
         self._mean.add(epoch)
-        self._recent = [*self._recent, epoch][-max(self.last, 1) :]
+        self._recent = [*self._recent, epoch][-self.last :] if self.last else []
         return findings
 
     def _compared(

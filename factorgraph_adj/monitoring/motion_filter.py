@@ -20,8 +20,9 @@ motion that q expects. The test of an innovation takes that of the filter.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -33,6 +34,8 @@ MotionKind: TypeAlias = Literal["velocity", "random walk", "static"]
 """How a point is thought to move."""
 DAY_S = 86400.0
 """Length of a day, seconds."""
+_ARRAYS = ("mean", "covariance", "static_covariance", "response", "innovation")
+_NUMBERS = ("time", "begun", "innovation_test")
 
 
 @dataclass(frozen=True)
@@ -102,6 +105,17 @@ class Motion:
         if model.kind == "velocity":
             p[k : 2 * k, k : 2 * k] = (1e-3 * model.start_velocity / DAY_S) ** 2 * np.eye(k)
         return cls(model, time, np.zeros(3 * k), p, m, time, np.zeros((3 * k, k)), np.zeros(0), 1.0)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the state as values of JSON, all digits, without its model."""
+        arrays = {name: getattr(self, name).tolist() for name in _ARRAYS}
+        return arrays | {name: getattr(self, name) for name in _NUMBERS}
+
+    @classmethod
+    def from_json(cls, record: Mapping[str, Any], model: MotionModel) -> Motion:
+        """Return the state of a record of `to_json`."""
+        fields: dict[str, Any] = {name: np.array(record[name], dtype=float) for name in _ARRAYS}
+        return cls(model=model, **fields, **{name: record[name] for name in _NUMBERS})
 
     @property
     def _k(self) -> int:

@@ -18,8 +18,10 @@ from ..errors import AdjustmentError
 from ..monitoring.monitor import Findings
 from ..report.layout import finite_json
 from .alarm_log import reconcile, revise
+from .database import DatabaseAway
 from .epoch_results import record_findings
 from .live_epochs import LiveEpoch
+from .monitor_states import write_state
 from .posting_transactions import Batch
 from .surveillance import Surveillance
 
@@ -55,11 +57,15 @@ def surveyed(
         # Epochs that end in the same transaction have no result in the database yet.
         return [row | {"result": batch.results.get(row["number"], row["result"])} for row in read()]
 
+    survey.resume()
     before = survey.against
     try:
         every = survey.findings(rows, epoch, result)
+    except DatabaseAway:
+        raise
     except AdjustmentError as error:
-        survey.drop()
+        survey.drop(again=True)
+        batch.steps.append(partial(write_state, network=network, digest="", state=None))
         return {"problem": str(error)}
     at, name, rules = float(result["time"]), survey.settings.name, [r.name for r in survey.rules]
     found = every.get(epoch.number, Findings(epoch.number, at, problem=str(result["problem"])))
@@ -76,7 +82,8 @@ def surveyed(
 
     if later or survey.against != before:
         _revise_epochs(survey, later, rows(), epoch.number, batch)
-    batch.steps.append(alarms)
+    state = partial(write_state, network=network, digest=survey.digest, state=survey.state)
+    batch.steps += [alarms, state]
     return survey.shown(found)
 
 

@@ -38,6 +38,7 @@ from .epoch_search import SEARCHER, search_again
 from .epoch_survey import surveyed
 from .live_epochs import LiveEpoch, LiveEpochs
 from .measured_sets import refuse_measured_twice, sets_of_epoch
+from .monitor_states import read_state
 from .network_clock import NetworkClock
 from .posting_transactions import Batch, Task
 from .postings import QUERIES, Posting, known_answers, named_ids, recorded_requests
@@ -82,7 +83,7 @@ class LiveNetwork:
             alarms: the alarms of the site.
         """
         self.settings, self.project, self._database = settings, project, database
-        self._changed, self.surveillance = changed, Surveillance(settings, alarms)
+        self._changed = changed
         self._lock = threading.RLock()
         self._tasks: queue.Queue[Task | None] = queue.Queue()
         self._stale: dict[int, float] = {}
@@ -92,6 +93,7 @@ class LiveNetwork:
         self.away = ""
         """Why the database could not be written last; empty where it could."""
         self.id, self.begun = self._row()
+        self.surveillance = Surveillance(settings, alarms, partial(read_state, database, self.id))
         self.clock = NetworkClock.recorded(settings, database, self.id)
         """Clock by which epochs end."""
         self._epochs = LiveEpochs(settings, project, database, self.id)
@@ -243,8 +245,9 @@ class LiveNetwork:
                 with self._lock:
                     self._execute(tasks, ends=ends)
             except BaseException as error:  # the thread must live, whatever happens
-                with self._lock:
-                    self._epochs.drop()  # lines of what was not acknowledged must not be written
+                with self._lock:  # lines of what was not acknowledged must not be written
+                    self.surveillance.drop()
+                    self._epochs.drop()
                 for task in tasks:
                     if not task.future.done():
                         task.future.set_exception(error)

@@ -1,14 +1,16 @@
 """Surveillance of a network: what its closed epochs tell, its alarms, and who must be told.
 
-The results of all closed epochs are the only state: the monitor is made again from their estimates
-where a service begins, or where an earlier epoch has got another result. Alarms that stand are
-those of the monitor; the database has when they were raised, acknowledged, silenced and cleared.
+The monitor goes on from its state in the database where a service begins
+(`factorgraph_adj.site.monitor_states`). It is made again from the estimates of all closed epochs
+where there is no state of these settings, and where an earlier epoch has got another result. Alarms
+that stand are those of the monitor; the database has when they were raised, acknowledged, silenced
+and cleared.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -25,6 +27,7 @@ from ..units import ANGLE
 from .alarm_log import Raised
 from .alarm_tables import SiteAlarm
 from .live_epochs import LiveEpoch
+from .monitor_states import State, state_digest
 from .reference_epoch import ReferenceEpoch, reference_epoch
 from .site_file import NetworkSettings
 
@@ -40,12 +43,18 @@ Rows = Sequence[Mapping[str, Any]]
 class Surveillance:
     """The monitor of one network."""
 
-    def __init__(self, settings: NetworkSettings, alarms: Sequence[SiteAlarm]) -> None:
-        """Take a network.
+    def __init__(
+        self,
+        settings: NetworkSettings,
+        alarms: Sequence[SiteAlarm],
+        read: Callable[[str], State | None],
+    ) -> None:
+        """Take a network, and its state where there is one.
 
         Args:
             settings: what the site file says of it.
             alarms: the alarms of the site.
+            read: reads the state of its monitor for a digest of the settings.
         """
         self.settings = settings
         self._alarms = {
@@ -53,19 +62,56 @@ class Surveillance:
             for a in alarms
             if a.network == settings.name and isinstance(a.rule, AlarmRule)
         }
+        self._read: Callable[[str], State | None] = read
         self._monitor: Monitor | None = None
-        self._seen: list[int] = []
+        self._last, self._number = 0, 0
+        """Number of the last epoch of the monitor, and number of its epochs."""
         self.reference: ReferenceEpoch | None = None
         """The reference epoch; None: there is none yet."""
+        self.digest = state_digest(
+            *(self.rules, settings.epochs, settings.objects),
+            *(settings.reference, settings.reference_epochs),
+        )
+        """Digest of the settings on which the state depends."""
+        self.resume()
 
     @property
     def rules(self) -> list[AlarmRule]:
         """The rules of the network."""
         return [a.rule for a in self._alarms.values() if isinstance(a.rule, AlarmRule)]
 
-    def drop(self) -> None:
-        """Forget the monitor; it is made again from the database."""
-        self._monitor, self._seen, self.reference = None, [], None
+    def drop(self, *, again: bool = False) -> None:
+        """Forget the monitor.
+
+        Args:
+            again: whether it is made again from all epochs; otherwise it goes on from its state in
+                the database.
+        """
+        self._monitor, self._last, self._number, self.reference = None, 0, 0, None
+        if again:
+            self._read = _no_state
+
+    @property
+    def state(self) -> State | None:
+        """State of the monitor as values of JSON; None: there is none."""
+        if self._monitor is None or self.reference is None:
+            return None
+        of_epochs = {"last": self._last, "number": self._number}
+        return {
+            "monitor": self._monitor.to_json(),
+            "reference": asdict(self.reference),
+            **of_epochs,
+        }
+
+    def resume(self) -> None:
+        """Go on from the state in the database, where nothing is known and it has one."""
+        state = self._read(self.digest) if self._monitor is None else None
+        if state is None:
+            return
+        self._monitor = self._begun()
+        self._monitor.resume(state["monitor"])
+        self._last, self._number = state["last"], state["number"]
+        self.reference = ReferenceEpoch(**state["reference"])
 
     # -- epochs -----------------------------------------------------------------------------------
 
@@ -85,25 +131,26 @@ class Surveillance:
         Raises:
             AdjustmentError: a rate cannot be kept, or frames differ.
         """
-        is_new = self._monitor is not None and epoch.number not in self._seen
-        if is_new and not new.get("estimate"):
+        is_later = self._monitor is not None and epoch.number > self._last
+        if is_later and not new.get("estimate"):
             return {}
         # The second epoch says whether the first one is whole.
-        follows = len(self._seen) > 1 and epoch.number > self._seen[-1]
-        if self._monitor is not None and follows:
-            self._seen.append(epoch.number)
-            return {epoch.number: self._monitor.add(EpochEstimate.from_json(new["estimate"]))}
+        if is_later and self._number > 1:
+            return {epoch.number: self._added(epoch.number, new)}
         records = {r["number"]: r["result"] for r in rows() if r["result"]}
         records[epoch.number] = new
-        self._monitor, self._seen = self._begun(), []
-        found: dict[int, Findings] = {}
+        self._monitor, self._last, self._number = self._begun(), 0, 0
         timed = self.settings.epochs.length is not None
         self.reference = reference_epoch(records, self.settings.reference, timed=timed)
         first = np.inf if self.reference is None else self.reference.number
-        for number in sorted(n for n, r in records.items() if r.get("estimate") and n >= first):
-            found[number] = self._monitor.add(EpochEstimate.from_json(records[number]["estimate"]))
-            self._seen.append(number)
-        return found
+        numbers = sorted(n for n, r in records.items() if r.get("estimate") and n >= first)
+        return {number: self._added(number, records[number]) for number in numbers}
+
+    def _added(self, number: int, result: Answer) -> Findings:
+        """Add the estimate of an epoch to the monitor, and return what it tells."""
+        assert self._monitor is not None
+        self._last, self._number = number, self._number + 1
+        return self._monitor.add(EpochEstimate.from_json(result["estimate"]))
 
     def _begun(self) -> Monitor:
         length = self.settings.epochs.length
@@ -166,6 +213,10 @@ class Surveillance:
         assert isinstance(of.rule, AlarmRule)
         data["false_alarms_per_month"] = of.rule.false_alarms_per_month
         return Raised(rule, point, data, of.notify, found.number, since=found.time)
+
+
+def _no_state(digest: str) -> None:
+    """Return that the database has no state."""
 
 
 # -- what is shown ---------------------------------------------------------------------------------

@@ -21,7 +21,7 @@ from sqlalchemy import (
     UniqueConstraint,
 )
 
-REVISION = "0002"
+REVISION = "0003"
 """Revision of these tables: that of the newest migration."""
 MAX_LETTERS_OF_NAME = 200
 """Largest number of characters of names and of requests."""
@@ -103,6 +103,16 @@ measured_sets = Table(
     Index("ix_measured_sets_epoch", "network", "epoch"),
 )
 """Sets of instruments: when each was measured, and the number of its epoch."""
+
+monitors = Table(
+    "monitors",
+    metadata,
+    Column("network", Number, ForeignKey("networks.id"), primary_key=True),
+    Column("digest", String(64), nullable=False),
+    Column("data", Text, nullable=False),
+)
+"""State of the monitor of a network after the last epoch that it has seen, and the digest of the
+settings to which it belongs."""
 
 events = Table(
     "events",

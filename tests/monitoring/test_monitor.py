@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from functools import cache
 
@@ -127,6 +128,43 @@ def test_a_restart_continues():
     for name, x in last.points.items():
         assert x.tests == before[-1].points[name].tests
         np.testing.assert_array_equal(x.motion.mean, before[-1].points[name].motion.mean)
+
+
+@pytest.mark.parametrize("last", [0, 3])
+@pytest.mark.parametrize("seen", [1, 2, 3, 5, 12])
+def test_a_monitor_that_has_resumed_a_state_finds_the_same_in_all_digits(seen, last):
+    """In the reference, at its last epoch, at the first test, and while alarms stand."""
+
+    def moved(i):
+        return {"D7": np.array([0.001 * max(i - 4, 0), 0.0, 0.0])}
+
+    epochs = [EpochEstimate.from_json(e.to_json()) for e in series(7, 14, moved, kinds=(0, 1))]
+    options = {**OPTIONS, "last": last}
+    whole = Monitor(RULES, **options)
+    for e in epochs[:seen]:
+        whole.add(e)
+    again = Monitor(RULES, **options)
+    again.resume(json.loads(json.dumps(whole.to_json())))
+    assert again.open_alarms == whole.open_alarms
+    for e in epochs[seen:]:
+        found, expected = again.add(e), whole.add(e)
+        assert found.alarms == expected.alarms and found.problem == expected.problem
+        assert found.reference_tests == expected.reference_tests
+        assert found.points.keys() == expected.points.keys()
+        for name, x in found.points.items():
+            assert x.tests == expected.points[name].tests
+            for what in ("mean", "covariance", "static_covariance", "response"):
+                mine, other = (getattr(y.motion, what) for y in (x, expected.points[name]))
+                np.testing.assert_array_equal(mine, other)
+    assert json.dumps(again.to_json()) == json.dumps(whole.to_json())
+
+
+def test_the_state_of_a_monitor_does_not_grow():
+    monitor, sizes = Monitor(RULES, **OPTIONS), []
+    for e in series(7, 30):
+        monitor.add(e)
+        sizes.append(len(json.dumps(monitor.to_json())))
+    assert max(sizes[10:]) < 1.05 * sizes[9]
 
 
 def test_a_creep_has_its_velocity():
