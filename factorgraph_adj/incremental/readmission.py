@@ -42,6 +42,7 @@ from ..ledger.waiting_observations import Candidates, known_in
 from ..linear_system.predictions import UNANSWERED, InnovationTest, innovation_tests, near_enough
 from ..linear_system.rebase import known_network
 from ..network.network import Network
+from ..quality.group_tests import critical_t2
 from ..types import NO_ROWS, Index
 from .nonlinear_tests import tested_by_readjustment
 from .worklist import IncrementalState, Task, Verdicts, worked_off
@@ -171,6 +172,38 @@ def _left_out(ledger: Ledger) -> Index:
     ]
     rejected = np.setdiff1d(rejected, [*by_hand, *remeasured(ledger, rejected).tolist()])
     return np.union1d(ledger.having("suspect"), rejected).astype(np.intp)
+
+
+def tested_now(state: IncrementalState, rules: Options) -> list[Verdict]:
+    """Return the verdicts on suspects and rejected observations with present tests.
+
+    Each is tested alone against everything that is accepted by now. Observations without a test, as
+    their variables are not determined or retired, or as the datum of a free network alone controls
+    them, have no verdict here.
+    """
+    ledger, system = state.ledger, state.system
+    if system is None or system.doubt:
+        return []
+    left_out = np.union1d(ledger.having("suspect"), ledger.having("rejected")).astype(np.intp)
+    rows = Candidates(ledger, known_in(system), left_out).ready
+    out: list[Verdict] = []
+    for test in innovation_tests(ledger, system, rows, rules.alpha):
+        verdicts = ledger.rows.verdicts.get(test.row, ())
+        sizes = [len(v.components) for v in verdicts]
+        if not test.answered or sum(sizes) != len(test.innovation):
+            continue
+        dof = len(test.innovation)
+        critical = critical_t2(rules.alpha, dof)
+        figures = np.stack(
+            (test.innovation, test.sigma, test.of_components, test.redundancy_numbers)
+        )
+        parts = np.split(figures, np.cumsum(sizes)[:-1], axis=1)
+        for v, (innovation, sigma, w, redundancy_numbers) in zip(verdicts, parts, strict=True):
+            tested = {"innovation": innovation, "sigma": sigma, "w": w, "dof": dof}
+            tested |= {"redundancy_numbers": redundancy_numbers}
+            tested |= {"t2": test.ratio * critical, "critical": critical}
+            out.append(replace(v, **tested))
+    return out
 
 
 def with_what_was_left_out(state: IncrementalState) -> Network:

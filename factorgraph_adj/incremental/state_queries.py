@@ -203,6 +203,15 @@ class StateQueries(metaclass=ChecksArguments):
         """Observations that were rejected."""
         return tuple(self._state.ledger.verdicts("rejected"))
 
+    @one_at_a_time
+    def tested_now(self) -> tuple[Verdict, ...]:
+        """Return verdicts on suspects and rejected observations with tests against all others.
+
+        Those of `suspects` and `rejected` are of the time when they were made, and those after
+        `snoop` have none. Nothing changes.
+        """
+        return tuple(readmission.tested_now(self._state, self._rules))
+
     @property
     @one_at_a_time
     def doubts(self) -> tuple[str, ...]:

@@ -53,6 +53,9 @@ UNANSWERED = (
 """Why an observation that is left out has no test."""
 
 
+NO_FIGURES: Array = np.zeros(0)
+
+
 class InnovationTest(NamedTuple):
     """The test of an observation, or a correlated group, that is left out."""
 
@@ -62,6 +65,14 @@ class InnovationTest(NamedTuple):
     """T²/critical."""
     w: float
     """The largest |w|."""
+    innovation: Array = NO_FIGURES
+    """Computed from what is accepted − observed, SI or image units, (k,); empty without a test."""
+    sigma: Array = NO_FIGURES
+    """Standard deviations of the innovation, (k,)."""
+    of_components: Array = NO_FIGURES
+    """Test values w with their signs, (k,)."""
+    redundancy_numbers: Array = NO_FIGURES
+    """Redundancy numbers that the components would have, diag(L C⁻¹ L⁻¹), (k,)."""
 
     @property
     def answered(self) -> bool:
@@ -294,4 +305,5 @@ def _test(row: int, v: Array, c: Array, raw: Array, alpha: float) -> InnovationT
     with np.errstate(over="ignore"):
         ratio = float(e @ v) / critical_t2(alpha, len(e))
         w = half.T @ e / np.sqrt(np.diag(half.T @ inverse @ half))
-    return InnovationTest(row, ratio, float(np.max(np.abs(w))))
+    figures = raw @ v, np.sqrt(np.diag(raw @ c @ raw.T)), w, np.diag(raw @ inverse @ half)
+    return InnovationTest(row, ratio, float(np.max(np.abs(w))), *figures)

@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
+from ..errors import InputError
+from ..incremental.adjustment import IncrementalAdjustment
 from .database import Database
 from .epoch_search import SEARCHER
+from .postings import named_ids
 
 DECIDING = ("accept", "discard", "remove", "replace", "reweight", "snoop")
 """Commands that decide about observations."""
+MAX_LABELS = 200
+"""Largest number of observations whose names are recorded with a decision."""
 
 Row = Mapping[str, Any]
 
@@ -28,6 +34,8 @@ class Decision:
     """The command, one of `DECIDING`."""
     ids: tuple[str, ...]
     """The observations that it names; none for a search among all."""
+    labels: Mapping[str, str]
+    """Readable names of the observations, by ids."""
 
     @classmethod
     def of(cls, row: Row, record: Row) -> Decision:
@@ -37,13 +45,42 @@ class Decision:
             row: its row of the table ``actions``.
             record: the content of its column ``data``.
         """
-        ids = record.get("ids", record.get("id", ()))
-        named = (ids,) if isinstance(ids, str) else tuple(ids)
-        return cls(float(row["at"]), row["who"], row["action"], named)
+        ids, labels = named_ids(record).get("ids", ()), record.get("labels", {})
+        return cls(float(row["at"]), row["who"], row["action"], tuple(ids), labels)
 
     def shown(self) -> dict[str, Any]:
         """Return what the API shows."""
-        return {"at": self.at, "by": self.by, "do": self.do, "ids": [*self.ids]}
+        out = {"at": self.at, "by": self.by, "do": self.do, "ids": [*self.ids]}
+        return out | {"labels": dict(self.labels)}
+
+
+def decision_record(
+    record: Row, network: str, epoch: int, labels: Mapping[str, str] | None = None
+) -> dict[str, Any]:
+    """Return what is recorded of a command that decides.
+
+    Args:
+        record: its fields.
+        network: name of the network.
+        epoch: number of the epoch.
+        labels: readable names of observations by ids, see `labels_of`; None: none are kept.
+    """
+    return {**record, "network": network, "epoch": epoch, "labels": labels or {}}
+
+
+def labels_of(inc: IncrementalAdjustment, record: Row) -> dict[str, str]:
+    """Return readable names of the observations that a command names, as far as they are there.
+
+    Args:
+        inc: the adjustment before the command: what it removes has no name afterwards.
+        record: the fields of the command, which have not been checked yet.
+    """
+    out: dict[str, str] = {}
+    ids = named_ids(record).get("ids")
+    for ident in ids[:MAX_LABELS] if isinstance(ids, list) else ():
+        with suppress(InputError):
+            out |= {ident: inc.observation(ident).label()} if isinstance(ident, str) else {}
+    return out
 
 
 def epoch_decisions(

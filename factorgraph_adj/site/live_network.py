@@ -32,7 +32,7 @@ from ..io.project import Project
 from ..service.answers import Answer, refusal
 from .alarm_tables import SiteAlarm
 from .database import Database, DatabaseAway
-from .decisions import accepted_by_people
+from .decisions import accepted_by_people, decision_record, labels_of
 from .epoch_results import epoch_result, record_result
 from .epoch_search import SEARCHER, search_again
 from .epoch_survey import surveyed
@@ -329,7 +329,7 @@ class LiveNetwork:
             if epoch.state != "open" or asked not in (None, epoch.number):
                 raise InputError(f"epoch {asked or epoch.number} is closed already")
             result = self._close(epoch, batch)
-            batch.actions.append(task.action(do, self._named(epoch)))
+            batch.actions.append(task.action(do, decision_record({}, *self._named(epoch))))
             closed = {"line": line, "ok": True, **epoch.summary(), "result": result}
             if lot[0].request:
                 batch.requests.append(lot[0].request_row(self.id, closed))
@@ -344,7 +344,11 @@ class LiveNetwork:
             told = epoch.stream.answer_together(records, line, time=at)
         else:
             record = lot[0].record | ({} if at is None or do != "add" else {"time": at})
+            labels = {} if do in QUERIES else labels_of(epoch.stream.adjustment, record)
             told = [epoch.stream.answer_record(record, line)]
+            if told[0]["ok"] and do != "add" and do not in QUERIES:
+                decided = decision_record(task.record, *self._named(epoch), labels)
+                batch.actions.append(task.action(do, decided))
         told = [answer | {"epoch": epoch.number} for answer in told]
         for posting, answer in zip(lot, told, strict=True):
             self._note(posting, epoch, answer, batch)
@@ -371,8 +375,6 @@ class LiveNetwork:
                 self.clock.posted(time)
             named = named_ids(task.record)
             batch.events.append(("arrival", about | {"do": do} | named | answer))
-            if do != "add":
-                batch.actions.append(task.action(do, task.record | self._named(epoch)))
 
     def _recorded(self, lot: Sequence[Posting], batch: Batch) -> dict[str, dict[str, Any]]:
         """Return the rows of requests of postings that were executed already, by request."""
@@ -380,9 +382,8 @@ class LiveNetwork:
         here = {r["request"]: r for r in batch.requests if r["request"] in asked}
         return recorded_requests(self._database, self.id, asked - here.keys()) | here
 
-    def _named(self, epoch: LiveEpoch) -> dict[str, Any]:
-        """Return what the record of a decision says of its epoch."""
-        return {"network": self.settings.name, "epoch": epoch.number}
+    def _named(self, epoch: LiveEpoch) -> tuple[str, int]:
+        return self.settings.name, epoch.number
 
     def _epoch_of(self, posting: Posting, time: float) -> LiveEpoch:
         """Return the epoch that a posting names, the present one, or that of a time."""
@@ -473,7 +474,7 @@ class LiveNetwork:
     def _search_again(self, epoch: LiveEpoch, batch: Batch) -> None:
         """Search a settled epoch for gross errors, where correct readings may be out."""
         about = {"epoch": epoch.number, "time": self.clock.now(), "by": SEARCHER}
-        of = self._database, self.settings.name, epoch.number
+        of = self._database, *self._named(epoch)
         decided = partial(accepted_by_people, *of, more=batch.actions)
         for record, answer in search_again(epoch.stream, decided):
             if not answer["ok"]:
@@ -482,7 +483,8 @@ class LiveNetwork:
             told = {"do": record["do"]} | named_ids(record) | answer
             batch.events.append(("arrival", about | told))
             task = Task(record, SEARCHER, clock.time(), Future())
-            batch.actions.append(task.action(record["do"], record | self._named(epoch)))
+            record = decision_record(record, *self._named(epoch))
+            batch.actions.append(task.action(record["do"], record))
 
     # -- transactions -----------------------------------------------------------------------------
 

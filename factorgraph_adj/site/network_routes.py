@@ -154,13 +154,16 @@ def observations(
 
 
 def _others(network: LiveNetwork, site: Site, state: str, number: EpochNumber) -> Answer:
-    """Return what is left out of an epoch, with the last decision about each by name."""
+    """Return what is left out of an epoch, with the last decision about each by name.
+
+    Where the epoch is named, also with ``now``, tests against everything that it has in.
+    """
 
     def rows(view: EpochView) -> Answer:
-        return {
-            "epoch": view.epoch.number,
-            "rows": ObservationList(view.epoch, None).others(state),
-        }
+        listed = ObservationList(view.epoch, None)
+        found, tested = listed.others(state), {} if number is None else listed.tested_now()
+        now = [row | ({"now": tested[row["id"]]} if row["id"] in tested else {}) for row in found]
+        return {"epoch": view.epoch.number, "rows": now}
 
     found: Answer = _seen(network, rows, number)
     decided = epoch_decisions(site.database, network.settings.name, found["epoch"])

@@ -19,6 +19,11 @@ from .live_epochs import LiveEpoch
 
 STATES = ("accepted", "waiting", "suspect", "rejected")
 """States of observations."""
+TESTED = (
+    *("test", "t2", "dof", "critical", "controlled", "components", "innovation"),
+    *("innovation_sigma", "small_unit", "w", "redundancy_number"),
+)
+"""Figures of a test."""
 
 Answer = dict[str, Any]
 
@@ -109,6 +114,12 @@ class ObservationList:
             row["points"] = [p for p in o.points() if p is not None]
             row |= {"state": state, "epoch": self.epoch.number}
         return rows
+
+    def tested_now(self) -> dict[str, Answer]:
+        """Return the tests of what is left out against everything that is in, by ids."""
+        answers = self.epoch.stream.answers
+        found = {v.id: answers.verdict(v) for v in self.adjustment.tested_now()}
+        return {i: {n: f[n] for n in TESTED if n in f} for i, f in found.items()}
 
     def _ids(self, state: str) -> Iterable[str]:
         inc = self.adjustment

@@ -25,6 +25,11 @@ STATES = {"receiving": "ok", "silent": "silent", "stopped": "stopped"}
 """What a page shows of a connection; any other is ``faulty``: there is none."""
 
 
+def shown_state(connection: str) -> str:
+    """Return what a page shows of the state of a connection."""
+    return STATES.get(connection, "faulty")
+
+
 class SiteInstruments:
     """The instruments of a site while it is served."""
 
@@ -84,7 +89,7 @@ class SiteInstruments:
         """Return the health of an instrument as the API shows it."""
         settings, found = instrument.settings, instrument.health.snapshot()
         own = {"network": settings.network, "grammar": settings.grammar, "source": settings.source}
-        own |= {"connection": found["state"], "state": STATES.get(found["state"], "faulty")}
+        own |= {"connection": found["state"], "state": shown_state(found["state"])}
         own |= {"messages": found["lines"], "clock_offset_s": found["clock_offset"]}
         return found | own
 

@@ -29,6 +29,8 @@ SPACING = 5
 """One of so many observations joins the base, and one is left out; the others determine it."""
 ROUNDING = 1e-6
 """Relative difference that rounding leaves between two ways to the same figure."""
+OF_WEIGHTS = 1e-4
+"""Relative difference of σ of readings with centring at two states."""
 
 
 @dataclass(frozen=True)
@@ -126,6 +128,15 @@ def test_what_is_left_out_has_the_tests_of_dense_matrices(name: str) -> None:
         assert t2 == pytest.approx(float(c.v[own] @ e), rel=ROUNDING)
         largest = float(np.max(np.abs(root.T @ e) / np.sqrt(np.diag(root.T @ m @ root))))
         assert tests[row].w == pytest.approx(largest, rel=ROUNDING)
+        figures = tests[row]
+        w = root.T @ e / np.sqrt(np.diag(root.T @ m @ root))
+        np.testing.assert_allclose(figures.of_components, w, rtol=ROUNDING)
+        # Σ of readings with centring is that at the base here, and at the present estimates there.
+        np.testing.assert_allclose(figures.innovation, c.raw[row] @ c.v[own], rtol=OF_WEIGHTS)
+        variances = np.diag(c.raw[row] @ np.linalg.inv(m) @ c.raw[row].T)
+        np.testing.assert_allclose(figures.sigma, np.sqrt(variances), rtol=OF_WEIGHTS)
+        r = np.diag(c.raw[row] @ m @ root)
+        np.testing.assert_allclose(figures.redundancy_numbers, r, rtol=ROUNDING)
         alone = joined(c.ledger, c.system, np.array([row]), np.array([], dtype=np.intp))
         assert alone is not None
         np.testing.assert_allclose(alone.v, e, rtol=ROUNDING)
@@ -137,7 +148,8 @@ def test_together_or_alone_they_have_the_same_tests(name: str) -> None:
     together = list(innovation_tests(c.ledger, c.system, c.out, ALPHA))
     for test in together:
         (alone,) = innovation_tests(c.ledger, c.system, np.array([test.row]), ALPHA)
-        assert alone == pytest.approx(test, rel=ROUNDING)
+        for figure, expected in zip(alone, test, strict=True):
+            assert figure == pytest.approx(expected, rel=ROUNDING)
 
 
 def test_spoiled_cofactors_leave_no_observation_out(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -72,6 +72,30 @@ def test_the_test_is_that_of_an_adjustment_with_it(engine: Engine) -> None:
 
 
 @pytest.mark.parametrize("engine", ["isam2", "fronts"])
+def test_what_is_out_is_tested_against_what_is_in_by_now(engine: Engine) -> None:
+    """Also what a search has rejected, whose own verdict has no figures; nothing changes."""
+    inc = with_suspects(engine)
+    before, state = {v.id: v for v in inc.suspects}, inc._state
+    at = {n: inc.estimate(n) for n in ("A", "P")}
+    for v in inc.tested_now():
+        assert v.verdict == "suspect" and v.innovation is not None and v.w is not None
+        assert v.t2 == pytest.approx(before[v.id].t2, rel=0.05), "little has come since"
+        if v.kind == "slope_distance":
+            length = float(np.linalg.norm(at["P"] - at["A"]))
+            reading = inc.observation(v.id)
+            assert isinstance(reading, SlopeDistance)
+            assert v.innovation[0] == pytest.approx(length - reading.value, rel=1e-3)
+            assert v.w[0] ** 2 == pytest.approx(v.t2, rel=1e-9)
+    assert inc._state is state and len(before) == len(inc.tested_now())
+    inc.accept([*before])
+    inc.snoop()
+    searched = [v.id for v in inc.rejected if v.cause == "snooping"]
+    assert searched and all(v.innovation is None for v in inc.rejected)
+    now = {v.id: v for v in inc.tested_now()}
+    assert set(now) == set(searched) and all(v.test > 1.0 for v in now.values())
+
+
+@pytest.mark.parametrize("engine", ["isam2", "fronts"])
 def test_w_of_correlated_components_is_theirs_and_not_that_of_whitened_ones(engine: Engine) -> None:
     """w_i = (Pd)_i/√P_ii with the covariance P⁻¹ of the innovation d in metres."""
     inc = with_suspects(engine)

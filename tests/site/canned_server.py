@@ -6,8 +6,6 @@ import asyncio
 import importlib.util
 import json
 import mimetypes
-import socket
-import threading
 from collections.abc import AsyncIterator
 from pathlib import Path
 from time import sleep, time
@@ -15,6 +13,7 @@ from typing import Any
 
 from tests.site.canned_site import CannedSite, Refused
 from tests.support.places import ROOT
+from tests.support.thread_server import ThreadServer
 
 PAGE = ROOT / "factorgraph_adj" / "site" / "page"
 BEAT = 1.0
@@ -94,9 +93,10 @@ def application(site: CannedSite, *, tokens: bool) -> Any:
             asked = request.query_params.get("state")
             point = request.query_params.get("point")
             among = (asked,) if asked else states
+            epoch = request.query_params.get("epoch")
             found = [
                 o
-                for o in net(request).observations.values()
+                for o in net(request).of_epoch(None if epoch is None else int(epoch))
                 if o["state"] in among and (point is None or point in o["points"])
             ]
             return {"rows": found, "total": len(found), "next": None}
@@ -261,44 +261,15 @@ def application(site: CannedSite, *, tokens: bool) -> Any:
     return Starlette(routes=routes)
 
 
-class CannedServer:
-    """A server in a thread; it can be stopped and started again on the same port."""
+class CannedServer(ThreadServer):
+    """A canned site, which is the same after it was stopped and started again."""
 
     def __init__(self, *, tokens: bool = False, port: int = 0) -> None:
-        self.site = CannedSite()
-        self.tokens = tokens
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", port))
-            self.port = probe.getsockname()[1]
-        self.start()
+        self.site, self.tokens = CannedSite(), tokens
+        super().__init__(port)
 
-    @property
-    def url(self) -> str:
-        return f"http://127.0.0.1:{self.port}/"
-
-    def start(self) -> None:
-        """Serve, and return when requests are answered."""
-        import uvicorn
-
-        config = uvicorn.Config(
-            application(self.site, tokens=self.tokens),
-            host="127.0.0.1",
-            port=self.port,
-            log_level="critical",
-            ws="none",
-            timeout_graceful_shutdown=0,
-        )
-        self.server = uvicorn.Server(config)
-        self.thread = threading.Thread(target=self.server.run, daemon=True)
-        self.thread.start()
-        while not self.server.started:
-            assert self.thread.is_alive(), "the server did not start"
-            sleep(0.01)
-
-    def stop(self) -> None:
-        """End all connections and the server."""
-        self.server.should_exit = True
-        self.thread.join()
+    def application(self) -> Any:
+        return application(self.site, tokens=self.tokens)
 
 
 if __name__ == "__main__":

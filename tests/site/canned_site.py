@@ -14,6 +14,8 @@ from threading import Condition
 from time import time
 from typing import Any
 
+from factorgraph_adj.site.site_instruments import shown_state
+
 Record = dict[str, Any]
 CRITICAL = 3.29
 DAY = 86400.0
@@ -22,8 +24,8 @@ EN = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 NE = ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 HORIZON = ((-0.17365, 0.98481, 0.0), (-0.75441, -0.13302, 0.64279), (0.63302, 0.11162, 0.76604))
 """East, north and up in geocentric axes at 50° N, 10° E."""
-STATES = {"receiving": "ok", "silent": "silent", "stopped": "stopped"}
-"""States of instruments by those of their connections; any other is faulty."""
+LAG = 45.0
+"""Time between the measurement of an observation and its arrival, seconds."""
 UNITS = {"length": "m", "angle": "gon", "sigma_length": "mm", "sigma_angle": "mgon"}
 
 
@@ -60,8 +62,13 @@ class CannedNetwork:
     compared: str = AXES
     """Axes of the frame in which epochs are compared."""
 
-    def counts(self) -> Record:
-        states = [o["state"] for o in self.observations.values()]
+    def of_epoch(self, number: int | None = None) -> list[Record]:
+        """Return the rows of observations of an epoch; None: of the present one."""
+        wanted = self.epochs[-1]["number"] if number is None else number
+        return [o for o in self.observations.values() if o["epoch"] == wanted]
+
+    def counts(self, number: int | None = None) -> Record:
+        states = [o["state"] for o in self.of_epoch(number)]
         n = len(self.sights) + states.count("accepted")
         return {
             "observations": n,
@@ -254,9 +261,15 @@ def large(now: float, n: int = 10_000) -> CannedNetwork:
 
 
 def verdict_row(
-    draw: random.Random, ident: str, state: str, a: str, b: str, lacks: str | None = None
+    draw: random.Random,
+    ident: str,
+    state: str,
+    a: str,
+    b: str,
+    lacks: str | None = None,
+    epoch: int = 11,
 ) -> Record:
-    """Return an observation with its verdict, as the stream tells it."""
+    """Return an observation of an epoch with its verdict, as the stream tells it."""
     kind = draw.choice(("slope_distance", "horizontal_distance"))
     record = {"kind": kind, "station": a, "target": b, "value": 123.4567, "sigma_mm": 1.5}
     out: Record = {
@@ -265,8 +278,7 @@ def verdict_row(
         "label": f"{kind} {a} {b}",
         "verdict": state,
         "state": state,
-        "at": time(),
-        "epoch": 11,
+        "epoch": epoch,
         "points": [a, b],
         "record": record,
         "value": "123.4567 m",
@@ -275,24 +287,20 @@ def verdict_row(
         return out | {"lacks": lacks or "coordinates of D9"}
     w = draw.gauss(0, 1) if state == "accepted" else draw.choice((-1, 1)) * draw.uniform(4, 9)
     test = abs(w) / CRITICAL
-    return (
-        out
-        | {
-            "test": test,
-            "t2": w * w,
-            "dof": 1,
-            "critical": CRITICAL**2,
-            "controlled": True,
-            "components": ["value"],
-            "innovation": [1.7 * w],
-            "innovation_sigma": [1.7],
-            "small_unit": "mm",
-            "w": [w],
-            "redundancy_number": [0.62],
-            "gains": [],
-        }
-        | ({"cause": "outside the critical value on arrival"} if state == "rejected" else {})
-    )
+    return out | {
+        "test": test,
+        "t2": w * w,
+        "dof": 1,
+        "critical": CRITICAL**2,
+        "controlled": True,
+        "components": ["value"],
+        "innovation": [1.7 * w],
+        "innovation_sigma": [1.7],
+        "small_unit": "mm",
+        "w": [w],
+        "redundancy_number": [0.62],
+        "gains": [],
+    }
 
 
 class CannedSite:
@@ -321,6 +329,8 @@ class CannedSite:
         self.beating = True
         """Whether beats are sent; a connection without them hangs."""
         self.doubts: list[str] = []
+        self.decisions: dict[int, list[Record]] = {}
+        """Decisions about observations of an epoch, by its number."""
         self.causes: Record = {"most_probable": None, "undecided": [], "causes": []}
         self.alarms: list[Record] = []
         self.instruments = [
@@ -358,7 +368,8 @@ class CannedSite:
         self.number += 1
         object_points = [p["name"] for p in net.points if p["object"] and p["determined"]] or ["?"]
         target = more.pop("target", None) or self.draw.choice(object_points)
-        row = verdict_row(self.draw, f"o{self.number}", state, "P1", target) | more
+        present = net.epochs[-1]["number"]
+        row = verdict_row(self.draw, f"o{self.number}", state, "P1", target, epoch=present) | more
         net.observations[row["id"]] = row
         point = next((p for p in net.points if p["name"] == target), None)
         points = []
@@ -370,12 +381,38 @@ class CannedSite:
         self.tell(
             "arrival",
             network,
-            epoch=net.epochs[-1]["number"],
+            epoch=present,
+            time=time() - LAG,
+            by="ts1",
             do="add",
             **without(answer),
             counts=net.counts(),
         )
         return row
+
+    def leave_out(self, number: int = 10) -> None:
+        """Let an epoch that has ended have left observations out, for various reasons."""
+        net, draw = self.networks["small"], random.Random(number)
+        rows = [
+            verdict_row(draw, f"e{k}", state, "P2", f"D{k + 1}", epoch=number)
+            for k, state in enumerate(("rejected", "rejected", "rejected", "suspect", "waiting"))
+        ]
+        tested = {k: rows[1].pop(k) for k in ("test", "t2", "dof", "critical", "w", "innovation")}
+        tested |= {k: rows[1].pop(k) for k in ("innovation_sigma", "redundancy_number")}
+        rows[1] |= {"cause": "snooping", "now": tested | {"small_unit": "mm"}}
+        decision = {"at": time() - 900, "by": "office", "do": "discard", "ids": ["e2"]}
+        rows[2] |= {"cause": "discarded", "decision": decision | {"labels": {}}}
+        rows[0]["now"] = {k: rows[0][k] for k in (*tested, "small_unit")} | {
+            "test": 0.4,
+            "w": [1.3],
+        }
+        net.observations |= {r["id"]: r for r in rows}
+        self.decisions[number] = [
+            {"at": time() - 9000, "by": "site", "do": "snoop", "ids": [], "labels": {}},
+            decision | {"labels": {}},
+            {"at": time() - 800, "by": "office", "do": "accept", "ids": ["e9"]}
+            | {"labels": {"e9": "slope_distance P2 D4"}},
+        ]
 
     def raise_alarm(self, rule: str = "crest", **more: Any) -> Record:
         """Raise an alarm."""
@@ -420,7 +457,7 @@ class CannedSite:
         """Change the health of an instrument, by the state of its connection."""
         found = next(i for i in self.instruments if i["name"] == name)
         found |= {"connection": connection, "problem": problem}
-        found["state"] = STATES.get(connection, "faulty")
+        found["state"] = shown_state(connection)
         self.tell("instrument", found["network"], instrument=found)
 
     def add_photo(self, network: str, name: str, at: tuple[float, float, float]) -> None:
@@ -445,10 +482,22 @@ class CannedSite:
         answer = self._command(net, do, posting)
         answer |= {"ok": True, "do": do, "points": [], "entered": [], "counts": net.counts()}
         ids = posting.get("ids", [posting.get("id")])
-        self.tell("arrival", network, by=by, ids=ids, epoch=net.epochs[-1]["number"], **answer)
+        number = posting.get("epoch", net.epochs[-1]["number"])
+        self.tell("arrival", network, by=by, ids=ids, epoch=number, **answer)
+        if number < net.epochs[-1]["number"]:
+            self._revise(net, number, {"at": time(), "by": by, "do": do, "ids": ids})
         if name:
             self.requests[name] = answer
         return answer
+
+    def _revise(self, net: CannedNetwork, number: int, decision: Record) -> None:
+        """Give an epoch that has ended another result after a decision about it."""
+        labels = {i: net.observations[i]["label"] for i in decision["ids"]}
+        self.decisions.setdefault(number, []).append(decision | {"labels": labels})
+        next(e for e in net.epochs if e["number"] == number)["revision"] += 1
+        for epoch in (e["number"] for e in net.epochs if number <= e["number"] and e["congruence"]):
+            what = "result" if epoch == number else "revised"
+            self.tell("epoch", net.name, epoch=epoch, what=what)
 
     def _command(self, net: CannedNetwork, do: str, posting: Record) -> Record:
         ids = posting.get("ids", [posting["id"]] if "id" in posting else [])
@@ -512,7 +561,11 @@ class CannedSite:
                 | {"T": 6.2 if p["name"] in moved else 0.8, "critical": 3.8}
                 | {"moved": p["name"] in moved, "detectable_mm": 4.4, "alarm_detectable_mm": 5.1}
             )
+        counts = net.counts(number) if found["state"] != "open" else None
         return found | {
+            "counts": counts,
+            "doubts": [],
+            "decisions": self.decisions.get(number, []),
             "points": net.points[:200],
             "displacements": rows,
             "against": 0,

@@ -108,6 +108,17 @@ def known(site: CannedSite) -> None:
     site.decide_alarm(site.raise_alarm("quiet", **more)["id"], "silence", "office", 8.0)
 
 
+def left_out(site: CannedSite) -> None:
+    """Let an epoch that has ended have left observations out."""
+    site.leave_out()
+
+
+def dropped(site: CannedSite) -> None:
+    """Let an epoch that has left observations out have lost its readings."""
+    site.leave_out()
+    site.networks["small"].epochs[10]["state"] = "dropped"
+
+
 def cleared(site: CannedSite) -> None:
     """Raise an alarm that has ended."""
     site.raise_alarm(state="closed", until=time() - 20)
@@ -268,6 +279,11 @@ def _opened_values(v: Visitor) -> None:
     v.page.locator("#view details summary").first.click()
 
 
+def _opened(part: str) -> Act:
+    """Return the opening of a part of an epoch."""
+    return clicks(f"[data-part={part}] > summary")
+
+
 def _wrong_token(v: Visitor) -> None:
     v.page.locator("input[name=token]").fill("guess")
     v.page.locator("button[type=submit]").click()
@@ -358,6 +374,17 @@ STATES = (
     PageState("epoch-stable", "epochs/5"),
     PageState("epoch-changed", "epochs/4"),
     PageState("epoch-open", "epochs/11"),
+    PageState("epoch-left-out", "epochs/10", prepare=left_out),
+    PageState("epoch-rejected", "epochs/10", prepare=left_out, act=_opened("rejected")),
+    PageState("epoch-suspects", "epochs/10", prepare=left_out, act=_opened("suspects")),
+    PageState("epoch-decisions", "epochs/10", prepare=left_out, act=_opened("decisions")),
+    PageState("epoch-dropped", "epochs/10", prepare=dropped),
+    PageState(
+        "dialog-accept-ended",
+        "epochs/10",
+        prepare=left_out,
+        act=then(_opened("rejected"), clicks("[data-id=e0] [data-act=accept]")),
+    ),
     PageState("epoch-failed", "epochs/9", prepare=failed_epoch),
     PageState("instruments", "instruments", prepare=instruments),
     PageState("instrument-events", "instruments", prepare=instruments, act=_opened_values),

@@ -55,6 +55,8 @@ def test_an_ended_epoch_lists_what_it_has_rejected_with_reasons(tmp_path):
         assert row["test"] > 1.0 and row["critical"] > 1.0 and row["small_unit"] == "mm"
         assert row["innovation"][0] == pytest.approx(-1e3 * BLUNDER, abs=10.0)
         assert "decision" not in row, "a test has rejected it, and nobody else"
+        now = row["now"]
+        assert now["test"] > 1.0 and now["innovation"] == pytest.approx(row["innovation"], abs=5.0)
         assert listed(client, 3) == [] and listed(client, 2, "suspects") == []
         rows = client.get(f"{ADDRESS}/observations", params={"epoch": 2, "state": "rejected"})
         assert [r["id"] for r in rows.json()["rows"]] == ["wrong"]
@@ -88,6 +90,9 @@ def test_a_decision_about_an_ended_epoch_revises_it_and_later_ones(tmp_path):
             ("accept", ["wrong"], "loopback"),
             ("remove", ["wrong"], "loopback"),
         ]
+        # What has been removed keeps its name here.
+        assert all(d["labels"] == {"wrong": found[0]["labels"]["wrong"]} for d in found)
+        assert found[0]["labels"]["wrong"].startswith("slope_distance A C")
 
 
 def test_a_decision_about_an_ended_epoch_raises_and_withdraws_alarms(tmp_path):
@@ -172,6 +177,9 @@ def test_a_decision_about_no_epoch_is_refused(tmp_path, epoch, said):
         live.submit(ARRIVALS[0]).result(30)
         answer = live.submit({"do": "accept", "ids": ["x"], "epoch": epoch}).result(30)
         assert not answer["ok"] and said in answer["error"][0]["what"]
+        for ids in (5, [5], [["x"]], {"x": 1}):
+            answer = live.submit({"do": "accept", "ids": ids}).result(30)
+            assert not answer["ok"] and answer["error"][0]["where"], answer
         reading = live.submit({**ARRIVALS[1], "epoch": 1}).result(30)
         assert not reading["ok"], "a reading belongs to the epoch of its time"
 

@@ -8,9 +8,7 @@ pytest.importorskip("starlette", reason="the service of a site needs the extra s
 pytest.importorskip("uvicorn", reason="the service of a site needs the extra serve")
 
 from tests.site.browsers import DESK, PHONE, VIEWS, visit
-from tests.site.canned_server import CannedServer
 from tests.site.page_audits import audit
-from tests.support.pages import chromium
 
 LONG = pytest.mark.slow("every view in both languages, themes and sizes; short tests see one")
 
@@ -25,27 +23,6 @@ UNCOVERED = """() => [...document.querySelectorAll('.banner:not([hidden]), main 
     return !e.contains(document.elementFromPoint(b.left + 4, b.top + b.height / 2)); })
   .map(e => e.outerHTML)"""
 """Titles and banners that something else covers."""
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as found:
-        yield found
-
-
-@pytest.fixture
-def server():
-    made = CannedServer()
-    yield made
-    made.stop()
-
-
-@pytest.fixture
-def guarded():
-    """A site that asks for tokens."""
-    made = CannedServer(tokens=True)
-    yield made
-    made.stop()
 
 
 def _enter(visitor, role):

@@ -6,26 +6,11 @@ pytest.importorskip("starlette", reason="the service of a site needs the extra s
 pytest.importorskip("uvicorn", reason="the service of a site needs the extra serve")
 
 from tests.site.browsers import PHONE, visit
-from tests.site.canned_server import CannedServer
-from tests.support.pages import chromium
 
 FOCUS = """() => { const e = document.activeElement;
   return e.getAttribute('aria-label') || e.textContent.trim() || e.id || e.tagName; }"""
 OUTLINE = """() => { const s = getComputedStyle(document.activeElement);
   return s.outlineStyle !== 'none' && parseFloat(s.outlineWidth) >= 2; }"""
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as found:
-        yield found
-
-
-@pytest.fixture
-def server():
-    made = CannedServer()
-    yield made
-    made.stop()
 
 
 def _tab_to(v, name, most=60):

@@ -3,73 +3,16 @@
 from __future__ import annotations
 
 import json
-import socket
-import threading
-from time import sleep
-from urllib.request import Request, urlopen
 
 import pytest
 
 pytest.importorskip("fastapi", reason="the service of a site needs the extra serve")
 pytest.importorskip("uvicorn", reason="the service of a site needs the extra serve")
 
-from factorgraph_adj.site.api import application
-from factorgraph_adj.site.site import Site
-from factorgraph_adj.site.site_file import read_site
 from tests.networks.yard import ARRIVALS, WRONG
 from tests.site.browsers import PHONE, visit
-from tests.support.pages import chromium
-from tests.support.sites import ADDRESS, ALARM, readings, yard_site
-
-
-class YardServer:
-    """The yard, served on a port; it can be stopped and started again."""
-
-    def __init__(self, folder, **options: str) -> None:
-        self.folder = yard_site(folder, **options)
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            self.port = probe.getsockname()[1]
-        self.start()
-
-    @property
-    def url(self) -> str:
-        return f"http://127.0.0.1:{self.port}/"
-
-    def start(self) -> None:
-        import uvicorn
-
-        app = application(Site(read_site(self.folder)))
-        config = uvicorn.Config(app, host="127.0.0.1", port=self.port, log_level="critical")
-        config.timeout_graceful_shutdown = 0
-        config.ws = "none"
-        self.server = uvicorn.Server(config)
-        self.thread = threading.Thread(target=self.server.run, daemon=True)
-        self.thread.start()
-        while not self.server.started:
-            assert self.thread.is_alive(), "the server did not start"
-            sleep(0.01)
-
-    def stop(self) -> None:
-        self.server.should_exit = True
-        self.thread.join()
-
-    def post(self, *postings: dict) -> list[dict]:
-        """Post, as an instrument does."""
-        data = json.dumps(list(postings)).encode()
-        asked = Request(
-            f"{self.url.rstrip('/')}{ADDRESS}/postings",
-            data,
-            {"Content-Type": "application/json"},
-        )
-        with urlopen(asked) as answer:
-            return json.load(answer)
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as found:
-        yield found
+from tests.site.yard_server import YardServer
+from tests.support.sites import ALARM, readings
 
 
 @pytest.fixture

@@ -10,8 +10,6 @@ pytest.importorskip("starlette", reason="the service of a site needs the extra s
 pytest.importorskip("uvicorn", reason="the service of a site needs the extra serve")
 
 from tests.site.browsers import DESK, PHONE, visit
-from tests.site.canned_server import CannedServer
-from tests.support.pages import chromium
 
 STATE = "() => { const p = planForTests; return [p.cx, p.cy, p.k, p.factor, p.chosen]; }"
 DRAWN = "n => document.querySelector('canvas')?.dataset.drawn === String(n)"
@@ -19,19 +17,6 @@ PLACE = """name => { const p = planForTests, i = p.points.index.get(name),
   b = p.canvas.getBoundingClientRect(), [u, v] = p.toScreen(p.points.x[i], p.points.y[i]);
   return [u + b.left, v + b.top]; }"""
 """Where a point is in the window."""
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as found:
-        yield found
-
-
-@pytest.fixture
-def server():
-    made = CannedServer()
-    yield made
-    made.stop()
 
 
 def _drawn(v, n):

@@ -8,25 +8,10 @@ pytest.importorskip("starlette", reason="the service of a site needs the extra s
 pytest.importorskip("uvicorn", reason="the service of a site needs the extra serve")
 
 from tests.site.browsers import DESK, PHONE, visit
-from tests.site.canned_server import CannedServer
 from tests.site.page_audits import audit
 from tests.site.page_catalogue import STATES
-from tests.support.pages import chromium
 
 NAMED = {s.name: s for s in STATES}
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as found:
-        yield found
-
-
-@pytest.fixture
-def server():
-    made = CannedServer()
-    yield made
-    made.stop()
 
 
 def _opened(browser, server, name, **look):

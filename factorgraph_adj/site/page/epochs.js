@@ -5,6 +5,7 @@ import { ask, button, colour, figures, fill, h } from "./dom.js";
 import { fixed, isNumber, kindName, metres, moment, stamp, t, word } from "./language.js";
 import { here, watch } from "./live.js";
 import { act, link, may, part, pill, pointLink, pointLinks } from "./parts.js";
+import { epochReadings } from "./epoch_readings.js";
 import { axesNote } from "./plane.js";
 import { Table } from "./table.js";
 
@@ -88,7 +89,7 @@ const referenceText = (r) => {
 // -- one epoch --------------------------------------------------------------------------------
 
 function epoch(root, number, signal) {
-  const box = part(null);
+  const box = part(null), compared = h("div"), readings = epochReadings(number, signal);
   root.append(h("p", { class: "row" }, h("a", { href: link("epochs") }, `‹ ${t("view_epochs")}`)), box.node);
   let table = null;
   watch(here(`epochs/${encodeURIComponent(number)}`), (r) => box.show(r, (row) => {
@@ -97,7 +98,7 @@ function epoch(root, number, signal) {
       verdictOf(e) ? h("p", {}, outcome(e)) : null,
       figures([
         [t("begin"), moment(e.begin)], [t("end"), moment(e.end)], [t("state"), word("state", e.state)],
-        ["σ̂0", fixed(e.sigma0, 3)], [t("redundancy"), e.redundancy ?? "–"], [t("revision_head"), e.revision ?? "–"],
+        ["σ̂0", fixed(e.sigma0, 3)], [t("observations"), e.counts?.observations ?? "–"], [t("redundancy"), e.redundancy ?? "–"], [t("revision_head"), e.revision ?? "–"],
       ], { class: "figures small" }),
       e.problem ? h("p", { class: "problem", lang: "en" }, e.problem) : null,
       isNumber(e.revised) ? h("p", { class: "note" }, t("revised_by", { number: e.revised })) : null,
@@ -126,6 +127,10 @@ function epoch(root, number, signal) {
       ],
     });
     table?.set(rows);
-    fill(box.body, head, rows.length || blocks.length ? h("p", { class: "note" }, axesNote()) : null, blockList, table ? table.node : null);
+    // What is open in the list of readings stays open when the epoch is read again.
+    if (!readings.node.isConnected) fill(box.body, h("div"), readings.node, compared);
+    readings.show(e);
+    box.body.firstChild.replaceWith(head);
+    fill(compared, rows.length || blocks.length ? h("p", { class: "note" }, axesNote()) : null, blockList, table ? table.node : null);
   }), { events: ["epoch"], signal });
 }

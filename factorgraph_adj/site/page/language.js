@@ -39,6 +39,8 @@ export const t = (key, values = {}) => textOf(key, values).replace(/\{(\w+)\}/g,
 // The same as nodes, for values that are nodes, such as what the service says in English.
 export const nodesOf = (key, values) => textOf(key, values).split(/\{(\w+)\}/).map((part, i) => (i % 2 ? values[part] ?? "–" : part));
 
+// Whether the page has a word of the service in its language.
+export const known = (group, value) => `${group}_${value}` in catalogues[current];
 // A word of the service that the page knows, or the word itself.
 export const word = (group, value) => {
   const key = `${group}_${value}`;

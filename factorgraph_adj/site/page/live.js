@@ -19,8 +19,12 @@ export const context = {
   counts: null, // of the latest answer of the present epoch, newer than the summary
   epoch: null, // number of the latest epoch that the page has heard of
   log: [], // the latest events, oldest first
-  states: new Map(), // latest verdict of observations that the page has heard of
+  states: new Map(), // latest verdict of observations that the page has heard of, by epoch and id
+  arrivals: new Map(), // when these were measured and came, and who sent them, by epoch and id
 };
+const keyOf = (epoch, id) => `${epoch ?? ""} ${id}`;
+export const stateOf = (epoch, id) => context.states.get(keyOf(epoch, id));
+export const arrivalOf = (epoch, id) => context.arrivals.get(keyOf(epoch, id)) ?? {};
 export const connection = { state: "connecting", since: now(), heard: null };
 
 let source = null, lastId = null, pause = FIRST_PAUSE, timer = null, watchdog = null;
@@ -111,6 +115,9 @@ export const verdictsOf = (answer) => [
   ...(answer.verdicts ?? (answer.verdict ? [answer] : [])), ...(answer.entered ?? []),
 ];
 
+// Whether observations came; otherwise somebody has decided about some.
+export const isReading = (answer) => (answer.do ?? "add") === "add";
+
 function take(entry, fresh) {
   entry.id = entry.id === null ? null : String(entry.id);
   if (entry.id !== null && context.log.some((e) => e.id === entry.id)) {
@@ -122,9 +129,11 @@ function take(entry, fresh) {
   if (context.log.length > MOST_LOGGED) context.log.splice(0, context.log.length - MOST_LOGGED);
   const answer = answerOf(entry.data);
   if (entry.event === "arrival") {
-    for (const id of entry.data.ids ?? []) if (AFTER[answer.do]) context.states.set(id, AFTER[answer.do]);
-    for (const v of verdictsOf(answer)) context.states.set(v.id, v.verdict);
-    for (const id of answer.waits_again ?? []) context.states.set(id, "waiting");
+    const { epoch, time, at, by } = entry.data, become = (id, state) => context.states.set(keyOf(epoch, id), state);
+    for (const id of entry.data.ids ?? []) if (AFTER[answer.do]) become(id, AFTER[answer.do]);
+    for (const v of verdictsOf(answer)) become(v.id, v.verdict);
+    for (const id of answer.waits_again ?? []) become(id, "waiting");
+    if (isReading(answer)) for (const v of verdictsOf({ ...answer, entered: [] })) context.arrivals.set(keyOf(epoch, v.id), { time, at, by });
     if (fresh && answer.counts && isPresent(entry.data.epoch)) context.counts = answer.counts;
     if (fresh && isPresent(entry.data.epoch)) patchPoints(answer);
   } else if (entry.event === "epoch" && fresh) {
@@ -147,6 +156,12 @@ function isPresent(epoch) {
   const known = peek(here(""))?.epoch?.number ?? context.summary?.epoch?.number ?? -1;
   context.epoch = Math.max(context.epoch ?? -1, known, epoch);
   return epoch === context.epoch;
+}
+
+// Whether an epoch has ended, so that what is decided about it revises its result.
+export function hasEnded(epoch) {
+  const present = peek(here(""))?.epoch ?? context.summary?.epoch;
+  return typeof epoch === "number" && (epoch < Math.max(context.epoch ?? -1, present?.number ?? -1) || (epoch === present?.number && present.state !== "open"));
 }
 
 // Coordinates and σ of points come with the answers; ellipses with the next reading.
@@ -243,6 +258,7 @@ async function fillLog() {
     const mine = context.log;
     context.log = [];
     context.states.clear();
+    context.arrivals.clear();
     for (const e of [...found, ...mine]) take({ id: e.id, event: e.event, data: e.data }, false);
     context.log.sort((a, b) => Number(a.id) - Number(b.id));
     // What comes between this reading and the connection is not missed, also where the log was
@@ -257,6 +273,7 @@ export async function useNetwork(name) {
   resources.clear();
   Object.assign(context, { network: name, summary: null, counts: null, epoch: null, log: [] });
   context.states.clear();
+  context.arrivals.clear();
   lastId = null;
   connection.state = "connecting";
   if (!name) return;

@@ -1,44 +1,76 @@
 // One observation with its verdict, its reasons and what may be done with it.
 import { command } from "./api.js";
 import { ask, button, fill, h } from "./dom.js";
-import { fixed, kindName, labelText, moment, significant, t } from "./language.js";
-import { context } from "./live.js";
-import { act, may, pill } from "./parts.js";
+import { fixed, isNumber, kindName, known, labelText, moment, significant, t, word } from "./language.js";
+import { context, hasEnded } from "./live.js";
+import { act, may, pill, pointLinks } from "./parts.js";
 
+const SAME_SECONDS = 2;
 const nameOf = (v) => (v.label ? labelText(v.label) : `${kindName(v.kind)} ${v.id}`);
 
 const listed = (lacks) => (Array.isArray(lacks) ? lacks.join("; ") : lacks ?? "");
 
+// Sizes of errors with σ, of each component that has one.
+const sizes = (v, sign) => (v.innovation ?? []).flatMap((off, i) => {
+  const name = v.innovation.length > 1 ? `${v.components?.[i] ?? i + 1} ` : "";
+  return isNumber(off) ? [`${name}${fixed(sign * off, 2)}\u00a0±\u00a0${fixed(v.innovation_sigma?.[i], 2)}\u00a0${v.small_unit ?? ""}`] : [];
+}).join(", ");
+const largest = (values) => values.reduce((best, x, i) => (Math.abs(x ?? 0) > Math.abs(values[best] ?? 0) ? i : best), 0);
+
+// The test of an observation that is out: how large its error would be, and what its test says.
+function errorOf(v) {
+  const i = largest(v.w), single = v.dof === 1;
+  return [
+    t("gross_error", { size: sizes(v, -1) }),
+    t(single ? "tested_w" : "tested_t2", {
+      w: fixed(Math.abs(v.w[i]), 1), critical: fixed(single ? Math.sqrt(v.critical) : v.critical, 2), t2: fixed(v.t2, 1), dof: v.dof, r: fixed(v.redundancy_number?.[i], 2),
+    }),
+  ];
+}
+
 // Why the verdict is as it is: sentences of the page, then those of the service.
 export function reasonsOf(v) {
-  const out = [];
+  const out = [], w = v.w ?? [], isOut = v.verdict === "rejected" || v.verdict === "suspect";
   if (v.verdict === "waiting" || v.lacks) out.push([t("lacks", { what: "" }), h("span", { lang: "en" }, listed(v.lacks))]);
-  const w = v.w ?? [];
   if (Array.isArray(w) && w.length) {
-    const worst = w.reduce((best, x, i) => (Math.abs(x ?? 0) > Math.abs(w[best] ?? 0) ? i : best), 0);
-    out.push(t("tested", {
+    const worst = largest(w);
+    if (isOut && v.controlled !== false) out.push(...errorOf(v));
+    else out.push(t("tested", {
       off: fixed(v.innovation?.[worst], 2), unit: v.small_unit ?? "", sigma: fixed(v.innovation_sigma?.[worst], 2),
-      w: fixed(w[worst], 1), r: fixed(v.redundancy_number?.[worst], 2), test: fixed(v.test, 2),
+      w: fixed(w[worst], 1), r: fixed(v.redundancy_number?.[worst], 2),
     }));
-    if (v.test !== undefined && v.test !== null && v.controlled !== false) out.push(t(v.test > 1 ? "test_failed" : "test_passed", { test: fixed(v.test, 2) }));
+    if (isNumber(v.test) && v.controlled !== false) out.push(t(v.test > 1 ? "test_failed" : "test_passed", { test: fixed(v.test, 2) }));
   } else if (typeof w === "number" || typeof v.r === "number")
     out.push(t("in_graph", { v: significant(v.v), unit: v.small_unit ?? "", w: fixed(v.w, 1), r: fixed(v.r, 2), mdb: significant(v.mdb) }));
   if (v.controlled === false) out.push(t("uncontrolled"));
-  if (v.cause) out.push([t("cause"), " ", h("span", { lang: "en" }, v.cause)]);
+  if (v.cause) out.push([t("cause"), " ", known("why", v.cause) ? word("why", v.cause) : h("span", { lang: "en" }, v.cause)]);
   if (v.doubt) out.push(h("span", { lang: "en" }, v.doubt));
   return out;
+}
+
+// Who has decided that an observation is out, where it is listed as such.
+function decided(v) {
+  const d = v.decision;
+  if (d && d.by !== "site") return [t(`decided_${d.do}`), " ", t("by"), " ", d.by, ", ", moment(d.at, { withSeconds: true })];
+  if (v.verdict === "rejected" && !v.cause) return t("by_test");
+  return v.verdict === "suspect" ? t("undecided") : null;
 }
 
 // Commands for the state of an observation, in the order of use at the instrument.
 const ACTS = { suspect: ["accept", "reject", "replace"], rejected: ["accept"], accepted: ["remove", "sigma", "replace"], waiting: ["remove"] };
 
+const of = (v) => (isNumber(v.epoch) ? { epoch: v.epoch } : {});
 async function run(row, what, v, done) {
-  const id = v.id, name = nameOf(v);
-  if (what === "accept") return act(row, { do: "accept", ids: [id] }, () => (done("accepted"), t("accepted_done", { name })));
-  if (what === "reject") return act(row, { do: "discard", ids: [id] }, () => (done("rejected"), t("rejected_done", { name })));
+  // Names of observations may be the same in several epochs: a command says which one is meant.
+  const name = nameOf(v), about = { ids: [v.id], ...of(v) }, ended = hasEnded(v.epoch);
+  if (what === "accept") {
+    const sure = !ended || await ask({ title: t("accept_title", { name }), content: h("p", {}, t("accept_ended", { number: v.epoch })), agree: t("accept"), cancel: t("cancel") });
+    return sure && act(row, { do: "accept", ...about }, () => (done("accepted"), t("accepted_done", { name })));
+  }
+  if (what === "reject") return act(row, { do: "discard", ...about }, () => (done("rejected"), t("rejected_done", { name })));
   if (what === "remove") {
-    const sure = await ask({ title: t("remove_title", { name }), content: h("p", {}, t("remove_what")), agree: t("remove"), cancel: t("cancel"), danger: true });
-    return sure && act(row, { do: "remove", ids: [id] }, () => (done("gone"), t("removed_done", { name })));
+    const sure = await ask({ title: t("remove_title", { name }), content: [h("p", {}, t("remove_what")), ended ? h("p", {}, t("ended_what", { number: v.epoch })) : null], agree: t("remove"), cancel: t("cancel"), danger: true });
+    return sure && act(row, { do: "remove", ...about }, () => (done("gone"), t("removed_done", { name })));
   }
   if (what === "sigma") {
     const given = await ask({
@@ -47,7 +79,7 @@ async function run(row, what, v, done) {
       check: (form) => (Number(form.times.value) > 0 ? null : t("sigma_wrong")),
     });
     // σ grows by the factor, the weight shrinks by its square.
-    return given && act(row, { do: "reweight", ids: [id], factor: 1 / Number(given.get("times")) ** 2 }, () => t("sigma_done", { name, times: given.get("times") }));
+    return given && act(row, { do: "reweight", ...about, factor: 1 / Number(given.get("times")) ** 2 }, () => t("sigma_done", { name, times: given.get("times") }));
   }
   return replace(row, v, name, done);
 }
@@ -72,24 +104,33 @@ async function replace(row, v, name, done) {
   const observation = { ...v.record };
   delete observation.request;
   for (const [key, value] of editable) observation[key] = typeof value === "number" ? Number(given.get(key).replace(",", ".")) : given.get(key);
-  return act(row, () => command(context.network, { do: "replace", id: v.id, observation }), () => (done("gone"), t("replaced_done", { name })));
+  return act(row, () => command(context.network, { do: "replace", id: v.id, observation, ...of(v) }), () => (done("gone"), t("replaced_done", { name })));
 }
 
-export function observationItem(v, { at, by, fresh = false, state } = {}) {
+// When it was measured; when it came, where that is another time; when it was decided; by whom.
+const times = ({ time, at, decided: given, by }) => [
+  isNumber(time) ? [t("measured"), " ", moment(time, { withSeconds: true })] : null,
+  isNumber(at) && !(Math.abs(at - time) < SAME_SECONDS) ? [t("came"), " ", moment(at, { withSeconds: true })] : null,
+  isNumber(given) ? [t("decided_at"), " ", moment(given, { withSeconds: true })] : null, by,
+].filter(Boolean).map((part, i) => [i ? " · " : "", part]);
+
+// `reasons`: also who has decided, and its points; `only`: the commands that are offered.
+export function observationItem(v, { fresh = false, state, reasons = false, only, ...when } = {}) {
   const node = h("li", { class: `${v.verdict}${fresh ? " new" : ""}`, "data-id": v.id, "data-verdict": v.verdict });
   const present = h("span", {}), buttons = h("div", { class: "row" });
   fill(node,
-    h("div", { class: "head" }, pill(v.verdict), h("strong", {}, nameOf(v)), present,
-      h("span", { class: "note" }, [at ? moment(at, { withSeconds: true }) : null, by].filter(Boolean).map((part, i) => [i ? " · " : "", part]))),
-    h("div", { class: "why" }, reasonsOf(v).map((r, i) => [i ? " · " : "", r])),
+    h("div", { class: "head" }, pill(v.verdict), h("strong", {}, nameOf(v)), present, h("span", { class: "note" }, times(when))),
+    h("div", { class: "why" }, [...reasonsOf(v), reasons && decided(v)].filter(Boolean).map((r, i) => [i ? " · " : "", r])),
+    v.now ? h("div", { class: "why" }, t("tested_now"), " ", [...errorOf(v.now), t(v.now.test > 1 ? "fits_not" : "fits_now")].join(" · ")) : null,
+    reasons && v.points?.length ? h("div", { class: "why" }, t("points"), ": ", pointLinks(v.points, 6)) : null,
     buttons);
   const become = (now) => {
     node.dataset.now = now;
     fill(present, now !== v.verdict ? [h("span", { class: "unseen" }, `${t("by_now")} `), pill(now)] : null);
-    const acts = may("surveyor") ? (ACTS[now] ?? []).filter((a) => a !== "replace" || v.record) : [];
+    const acts = may("surveyor") ? (ACTS[now] ?? []).filter((a) => (a !== "replace" || v.record) && (!only || only.includes(a))) : [];
     fill(buttons, acts.map((a) => button(t(a), () => run(buttons, a, v, become), { "data-act": a, "aria-label": `${t(a)}: ${nameOf(v)}` })));
     buttons.hidden = !acts.length;
   };
   become(state ?? v.verdict);
-  return { node, become, id: v.id };
+  return { node, become, id: v.id, epoch: v.epoch };
 }

@@ -2,7 +2,7 @@
 import { axis, chart, local, plain, timeAxis } from "./charts.js";
 import { colour, figures, fill, h } from "./dom.js";
 import { fixed, isNumber, kindName, labelText, metres, mmOf, moment, seriesOfMetres, stamp, t } from "./language.js";
-import { context, here, on, peek, watch } from "./live.js";
+import { arrivalOf, context, here, on, peek, watch } from "./live.js";
 import { alarmItem } from "./overview.js";
 import { link, part, pill } from "./parts.js";
 import { fixedText } from "./plan_view.js";
@@ -99,7 +99,7 @@ function point(root, name, signal) {
     if (seen.body.contains(document.activeElement)) return;
     const parts = STATES.map((s) => lists.get(s)).filter(Boolean), rows = parts.flatMap((p) => p.rows), n = parts.reduce((sum, p) => sum + (p.total ?? p.rows.length), 0);
     fill(seen.body, n > rows.length ? h("p", { class: "note" }, t("listed", { shown: rows.length, n })) : null,
-      rows.length ? h("ol", { class: "verdicts" }, rows.map((o) => observationItem({ ...o, verdict: o.state }, { at: o.at }).node)) : h("p", { class: "note" }, t("no_observations")));
+      rows.length ? h("ol", { class: "verdicts" }, rows.map((o) => observationItem({ ...o, verdict: o.state }, arrivalOf(o.epoch, o.id)).node)) : h("p", { class: "note" }, t("no_observations")));
   }), { events: ["arrival"], least: 1000, signal });
 }
 

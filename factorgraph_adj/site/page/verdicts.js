@@ -1,11 +1,12 @@
 // Arriving verdicts, and what is suspect, waits, is rejected or in doubt.
 import { button, fill, h } from "./dom.js";
-import { fixed, kindName, significant, t } from "./language.js";
-import { answerOf, context, here, on, verdictsOf, watch } from "./live.js";
+import { fixed, moment, significant, t } from "./language.js";
+import { answerOf, arrivalOf, context, here, isReading, on, stateOf, verdictsOf, watch } from "./live.js";
 import { observationItem } from "./observation.js";
+import { observationList } from "./observation_list.js";
 import { link, part, pill } from "./parts.js";
 
-const MOST_LIVE = 150, MOST_LISTED = 200;
+const MOST_LIVE = 150;
 const TABS = ["live", "suspects", "waiting", "rejected", "causes", "doubts"];
 
 export function verdicts(root, [chosen = "live"], signal) {
@@ -40,7 +41,7 @@ export function verdicts(root, [chosen = "live"], signal) {
   };
   watch(here(""), ({ data }) => count(context.counts ?? data?.counts), { events: ["arrival", "epoch"], least: 2000, signal });
   on("event", () => count(context.counts), signal);
-  ({ live, suspects: list("suspects", "suspect"), waiting: list("waiting", "waiting"), rejected: list("rejected", "rejected"), causes, doubts })[chosen](panel, signal);
+  ({ live, suspects: list("suspects"), waiting: list("waiting"), rejected: list("rejected"), causes, doubts })[chosen](panel, signal);
 }
 
 // -- what arrives -----------------------------------------------------------------------------
@@ -61,25 +62,29 @@ function live(panel, signal) {
   const sift = () => { for (const { node } of items) node.hidden = only && node.dataset.verdict === "accepted" && node.dataset.now === "accepted"; };
 
   function add(entry, fresh) {
-    const answer = answerOf(entry.data), at = entry.data.at, by = entry.data.by;
+    const answer = answerOf(entry.data), { at, by, epoch, time } = entry.data;
+    // Of what somebody has decided it is told when; of readings, when they were measured.
+    // What had waited came earlier.
+    const came = new Set((answer.entered ?? []).map((v) => v.id));
+    const when = ({ id }) => (came.has(id) ? arrivalOf(epoch, id) : isReading(answer) ? { time, at, by } : { time: arrivalOf(epoch, id).time, decided: at, by });
     empty.hidden = true;
     if (entry.event === "refused") {
       const errors = answer.error ?? entry.data.error ?? [];
       const node = h("li", { class: `refused${fresh ? " new" : ""}`, "data-verdict": "refused" },
-        h("div", { class: "head" }, pill("refused"), h("span", { class: "note" }, by ?? "")),
+        h("div", { class: "head" }, pill("refused"), h("span", { class: "note" }, moment(at, { withSeconds: true }), by ? ` · ${by}` : "")),
         h("div", { class: "why", lang: "en" }, errors.map((e) => `${e.where ? `${e.where}: ` : ""}${e.what}`).join("; ")));
       box.prepend(node);
       items.unshift({ node, become() {}, id: null });
     } else {
       const told = verdictsOf(answer);
       for (const v of told) {
-        const item = observationItem(v, { at, by, fresh, state: context.states.get(v.id) });
+        const item = observationItem({ epoch, ...v }, { ...when(v), fresh, state: stateOf(epoch, v.id) });
         box.prepend(item.node);
         items.unshift(item);
       }
       if (!told.length && answer.do) {
         const ids = entry.data.ids ?? [];
-        const node = h("li", { class: "plain", "data-verdict": "command" }, h("div", { class: "head" }, pill("plain", t("command")), h("strong", { lang: "en" }, answer.do), h("span", { class: "note" }, by ?? "")), ids.length ? h("div", { class: "why" }, ids.join(", ")) : null);
+        const node = h("li", { class: "plain", "data-verdict": "command" }, h("div", { class: "head" }, pill("plain", t("command")), h("strong", { lang: "en" }, answer.do), h("span", { class: "note" }, moment(at, { withSeconds: true }), by ? ` · ${by}` : "")), ids.length ? h("div", { class: "why" }, ids.join(", ")) : null);
         box.prepend(node);
         items.unshift({ node, become() {}, id: null });
       }
@@ -98,44 +103,12 @@ function live(panel, signal) {
   on("log", all, signal);
   on("event", (entry) => {
     if (entry.event !== "arrival" && entry.event !== "refused") return;
-    for (const item of items) { const now = context.states.get(item.id); if (now && now !== item.node.dataset.now) item.become(now); }
+    for (const item of items) { const now = stateOf(item.epoch, item.id); if (now && now !== item.node.dataset.now) item.become(now); }
     if (hold) { held.push(entry); waiting.textContent = t("held", { n: held.length }); } else add(entry, true);
   }, signal);
 }
 
-// -- lists ------------------------------------------------------------------------------------
-
-const list = (path, verdict) => (panel, signal) => {
-  const box = part(null), search = h("input", { type: "search", placeholder: t("table_search"), "aria-label": t("table_search") });
-  panel.append(h("div", { class: "row" }, search), box.node);
-  let rows = [];
-  const ul = h("ol", { class: "verdicts", "aria-label": t(`tab_${path}`) }), told = h("p", { class: "note", role: "status" });
-  const known = new Map();
-  const draw = () => {
-    const part_ = search.value.trim().toLowerCase();
-    const some = rows.filter((v) => !part_ || `${v.label} ${v.kind} ${kindName(v.kind)} ${v.id} ${v.lacks ?? ""}`.toLowerCase().includes(part_));
-    const shown = some.slice(0, MOST_LISTED), ids = new Set(shown.map((v) => v.id));
-    for (const [id, item] of known) if (!ids.has(id)) { item.node.remove(); known.delete(id); }
-    // Items stay where they are while their observation is listed: a finger or the focus may be on them.
-    shown.forEach((v, i) => {
-      let item = known.get(v.id);
-      const told_ = JSON.stringify(v);
-      if (!item || (item.told !== told_ && !item.node.contains(document.activeElement))) {
-        item?.node.remove();
-        item = { ...observationItem({ verdict, ...v }, { at: v.at }), told: told_ };
-        known.set(v.id, item);
-      }
-      if (ul.children[i] !== item.node) ul.insertBefore(item.node, ul.children[i] ?? null);
-    });
-    told.textContent = some.length > shown.length ? t("listed", { shown: shown.length, n: some.length }) : some.length ? "" : t(`no_${path}`);
-  };
-  search.addEventListener("input", draw);
-  watch(here(path), (resource) => box.show(resource, (found) => {
-    rows = found.rows ?? found[path] ?? found;
-    if (!ul.isConnected) fill(box.body, told, ul);
-    draw();
-  }), { events: ["arrival"], signal });
-};
+const list = (path) => (panel, signal) => panel.append(...observationList(path, signal));
 
 // -- causes and doubts ------------------------------------------------------------------------
 

@@ -1,0 +1,46 @@
+// Lists of observations that are suspect, wait or are rejected, of the present epoch or of another.
+import { fill, h } from "./dom.js";
+import { kindName, t } from "./language.js";
+import { arrivalOf, here, watch } from "./live.js";
+import { observationItem } from "./observation.js";
+import { part } from "./parts.js";
+
+const MOST_LISTED = 200;
+export const VERDICTS = { suspects: "suspect", waiting: "waiting", rejected: "rejected" };
+
+// Options: the epoch; whether its number is told.
+export function observationList(path, signal, { epoch } = {}) {
+  const own = epoch === undefined ? path : `${path}?epoch=${encodeURIComponent(epoch)}`;
+  const box = part(null), search = h("input", { type: "search", placeholder: t("table_search"), "aria-label": `${t("table_search")}: ${t(`tab_${path}`)}` });
+  const bar = h("div", { class: "row" }, search);
+  let rows = [];
+  const ul = h("ol", { class: "verdicts", "aria-label": t(`tab_${path}`) }), told = h("p", { class: "note", role: "status" });
+  const known = new Map();
+  const draw = () => {
+    const sought = search.value.trim().toLowerCase();
+    const some = rows.filter((v) => !sought || `${v.label} ${v.kind} ${kindName(v.kind)} ${v.id} ${v.lacks ?? ""}`.toLowerCase().includes(sought));
+    const shown = some.slice(0, MOST_LISTED), ids = new Set(shown.map((v) => v.id));
+    for (const [id, item] of known) if (!ids.has(id)) { item.node.remove(); known.delete(id); }
+    // Items stay where they are while their observation is listed: a finger or the focus may be on them.
+    shown.forEach((v, i) => {
+      let item = known.get(v.id);
+      const now = JSON.stringify(v);
+      if (!item || (item.told !== now && !item.node.contains(document.activeElement))) {
+        item?.node.remove();
+        item = { ...observationItem({ verdict: VERDICTS[path], ...v }, { ...arrivalOf(v.epoch, v.id), reasons: true }), told: now };
+        known.set(v.id, item);
+      }
+      if (ul.children[i] !== item.node) ul.insertBefore(item.node, ul.children[i] ?? null);
+    });
+    told.textContent = some.length > shown.length ? t("listed", { shown: shown.length, n: some.length }) : some.length ? "" : t(`no_${path}`);
+  };
+  search.addEventListener("input", draw);
+  watch(here(own), (resource) => box.show(resource, (found) => {
+    rows = found.rows ?? found[path] ?? found;
+    // A few are seen at a glance.
+    bar.hidden = epoch !== undefined && rows.length < 6;
+    if (!ul.isConnected) fill(box.body, told, ul);
+    draw();
+  }), { events: epoch === undefined ? ["arrival"] : ["arrival", "epoch"], signal });
+  return [bar, box.node];
+}

@@ -1,0 +1,144 @@
+"""What an epoch of the page has left out, why, and what people decide about it."""
+
+import pytest
+
+pytest.importorskip("fastapi", reason="the service of a site needs the extra serve")
+pytest.importorskip("uvicorn", reason="the service of a site needs the extra serve")
+
+from tests.site.browsers import DESK, PHONE, visit
+from tests.site.page_audits import audit
+from tests.site.yard_server import YardServer
+from tests.support.sites import readings
+
+OPENED = "[data-part={}] > summary"
+
+
+def _open(v, part):
+    v.page.locator(OPENED.format(part)).click()
+
+
+def test_every_reason_is_told_with_who_decided(browser, server):
+    server.site.leave_out()
+    with visit(browser, server, at="#/small/epochs/10") as v:
+        v.sees(OPENED.format("rejected"), "Rejected (3)")
+        v.sees("#view .note", "later epochs and alarms are revised")
+        assert not [r for r in v.requests if "rejected?epoch" in r], "read when it is opened"
+        _open(v, "rejected")
+        tested = v.sees("[data-id=e0]").inner_text().replace("\u00a0", " ")
+        for part in ("gross error", "mm", "critical value 3.29", "exceeds 1", "by its test when"):
+            assert part in tested, part
+        assert "Against the epoch as it is now" in tested and "it fits" in tested
+        v.sees("[data-id=e1]", "found by the search for gross errors")
+        v.sees("[data-id=e1]", "it does not fit")
+        v.sees("[data-id=e2]", "rejected by office")
+        assert v.page.locator("[data-id=e0] a").all_inner_texts() == ["P2", "D1"]
+        _open(v, "suspects")
+        v.sees("[data-id=e3]", "nobody has decided yet")
+        _open(v, "waiting")
+        v.sees("[data-id=e4]", "Lacks coordinates of D9")
+        _open(v, "decisions")
+        v.sees("[data-decision=snoop]", "by the site itself")
+        v.sees("[data-decision=accept]", "slope distance P2 D4")
+        assert v.complaints == []
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_a_decision_is_made_by_keyboard_on_a_phone_in_german(browser, server, scheme):
+    server.site.leave_out()
+    options = {"size": PHONE, "language": "de-DE", "scheme": scheme}
+    with visit(browser, server, at="#/small/epochs/10", **options) as v:
+        v.page.locator(OPENED.format("rejected")).focus()
+        v.page.keyboard.press("Enter")
+        v.sees("[data-id=e0]", "grober Fehler")
+        assert audit(v.page, phone=True) == []
+        v.page.locator("[data-id=e0] [data-act=accept]").focus()
+        v.page.keyboard.press("Enter")
+        v.sees("dialog", "Sie kommt in Epoche 10, die beendet ist")
+        v.page.keyboard.press("Escape")
+        assert server.site.networks["small"].observations["e0"]["state"] == "rejected"
+        v.page.keyboard.press("Enter")
+        v.press("Annehmen", within="dialog")
+        v.sees("#say", "ist angenommen")
+        v.sees(OPENED.format("rejected"), "Verworfen (2)")
+        v.sees(OPENED.format("decisions"), "Entscheidungen (4)")
+        assert server.site.networks["small"].observations["e0"]["state"] == "accepted"
+        assert v.complaints == []
+
+
+def test_a_viewer_reads_reasons_and_decides_nothing(browser, guarded):
+    guarded.site.leave_out()
+    with visit(browser, guarded, wait=False, blank=True) as v:
+        cookie = {"name": "session", "value": "viewer-token", "url": guarded.url}
+        v.page.context.add_cookies([cookie])
+        v.page.goto(guarded.url + "#/small/epochs/10")
+        v.sees(OPENED.format("rejected"))
+        _open(v, "rejected")
+        v.sees("[data-id=e0]", "gross error")
+        assert v.page.locator("[data-act]").count() == 0
+
+
+def test_of_an_epoch_whose_readings_were_dropped_it_is_told_that_it_is_over(browser, server):
+    server.site.leave_out()
+    server.site.networks["small"].epochs[10]["state"] = "dropped"
+    with visit(browser, server, at="#/small/epochs/10", size=DESK) as v:
+        v.sees("#view .note", "nothing can be decided about its 3 rejected ones")
+        assert v.page.locator(OPENED.format("rejected")).is_hidden()
+
+
+def test_an_epoch_that_uses_everything_says_so(browser, server):
+    with visit(browser, server, at="#/small/epochs/5") as v:
+        v.sees("#view .note", "Every observation of this epoch is used.")
+
+
+# -- the service ----------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def ended(tmp_path):
+    """Four epochs of an hour; a distance of the second one has a gross error."""
+    made = YardServer(tmp_path, epochs="1 h")
+    for hour in range(4):
+        given = readings(hour)
+        wrong = {**given[3], "value": given[3]["value"] + 0.25, "id": "wrong"}
+        answers = made.post(*given, *([wrong] if hour == 1 else []))
+        assert all(a["ok"] for a in answers), answers
+    yield made
+    made.stop()
+
+
+def test_a_reading_of_an_ended_epoch_of_the_service_is_accepted_and_taken_back(browser, ended):
+    with visit(browser, ended, at="#/yard/epochs/2") as v, visit(browser, ended) as other:
+        _open(v, "rejected")
+        told = v.sees("[data-id=wrong]").inner_text().replace("\u00a0", " ")
+        assert "gross error 2" in told and "it does not fit" in told, told
+        v.page.locator("[data-id=wrong] [data-act=accept]").click()
+        v.press("Accept", within="dialog")
+        v.sees("#say", "is accepted")
+        v.sees("#view dl", "Revision2")
+        _open(v, "decisions")
+        item = v.sees("[data-decision=accept] [data-id=wrong]")
+        assert "slope distance A C" in item.inner_text()
+        v.page.locator("[data-decision=accept] [data-act=remove]").click()
+        v.sees("dialog", "Epoch 2 has ended")
+        v.press("Remove", within="dialog")
+        v.sees("#view dl", "Revision3")
+        v.sees("[data-decision=remove]", "slope_distance A C")
+        other.go("epochs/3", network="yard")
+        assert v.complaints == other.complaints == []
+
+
+def test_a_verdict_is_decided_in_its_own_epoch(browser, ended):
+    """Names of observations may be the same in several epochs."""
+    reading = readings(3)[3]
+    ended.post({**reading, "value": reading["value"] + 0.25, "id": "wrong"})
+    with visit(browser, ended, at="#/yard/verdicts") as v:
+        both = v.page.locator("[data-id=wrong][data-verdict=rejected]")
+        v.sees("[data-id=wrong][data-verdict=rejected] >> nth=1")
+        both.last.locator("[data-act=accept]").click()
+        v.sees("dialog", "epoch 2, which has ended")
+        v.press("Accept", within="dialog")
+        v.sees("[data-id=wrong][data-verdict=rejected][data-now=accepted]")
+        assert both.first.get_attribute("data-now") == "rejected", "that of the present epoch"
+        both.first.locator("[data-act=accept]").click()
+        v.sees("[data-id=wrong][data-verdict=rejected][data-now=accepted] >> nth=1")
+        assert v.complaints == []
