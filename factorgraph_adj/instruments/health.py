@@ -47,6 +47,9 @@ class Health:
     """Receipt of the last line, seconds since 1970 UTC."""
     clock_offset: float | None = None
     """UTC minus clock of the instrument, seconds; None: lines have no times."""
+    lag: float | None = None
+    """Time from the end of the measurement of the last posting to its record, seconds; negative
+    where the clock of the instrument runs ahead; None: none was recorded."""
     problem: str = ""
     """The last problem, in a sentence."""
     problem_time: float | None = None
@@ -92,6 +95,6 @@ class Health:
     def snapshot(self) -> dict[str, Any]:
         """Return all of it for JSON: times in seconds since 1970 UTC."""
         with self._lock:
-            out = {k: getattr(self, k) for k in ("name", "state", "last_message", "clock_offset")}
-            out |= {"problem": self.problem, "problem_time": self.problem_time}
+            names = ("name", "state", "last_message", "clock_offset", "lag", "problem")
+            out = {k: getattr(self, k) for k in (*names, "problem_time")}
             return {**out, **self.counts, "events": [asdict(e) for e in self.events]}

@@ -91,6 +91,7 @@ class SiteInstruments:
         own = {"network": settings.network, "grammar": settings.grammar, "source": settings.source}
         own |= {"connection": found["state"], "state": shown_state(found["state"])}
         own |= {"messages": found["lines"], "clock_offset_s": found["clock_offset"]}
+        own["lag_s"] = found["lag"]
         return found | own
 
     def _run(self, instrument: Instrument) -> None:
@@ -124,6 +125,9 @@ class SiteInstruments:
             raise ConnectionError(str(error)) from None
         if not answer["ok"]:
             raise InputError([Problem(e["what"], e["where"]) for e in answer["error"]])
+        if not answer.get("repeated"):  # what was recorded before a restart came in time then
+            end = posting.time if posting.measured is None else posting.measured["end"]
+            instrument.health.lag = clock.time() - end
         self._end_by_sets(instrument)
 
     def _end_by_sets(self, instrument: Instrument) -> None:

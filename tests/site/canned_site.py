@@ -678,6 +678,8 @@ def instrument(name: str, network: str, state: str, last: float) -> Record:
         "refused": 2,
         "clock_offset": -0.4,
         "clock_offset_s": -0.4,
+        "lag": 45.0,
+        "lag_s": 45.0,
         "gaps": 1,
         "late": 0,
         "problem": "",

@@ -128,9 +128,18 @@ def instruments(site: CannedSite) -> None:
     """Let instruments be well, silent, without connection, stopped, and have troubles."""
     now = time()
     site.instruments = [
-        instrument("ts1", "small", "ok", now - 2) | {"grammar": "gsi-online"},
+        instrument("ts1", "small", "ok", now - 2)
+        | {"grammar": "gsi-online", "problem_time": now - 9000}
+        | {"problem": "the clock of the instrument jumped back by 3600.0 s"},
         instrument("ts2", "small", "ok", now - 9)
-        | {"clock_jumps": 1, "clock_offset_s": 3599.6, "doubled": 4, "late": 12, "gaps": 3}
+        | {
+            "lag_s": -18_400.0,
+            "clock_jumps": 1,
+            "clock_offset_s": 3599.6,
+            "doubled": 4,
+            "late": 12,
+            "gaps": 3,
+        }
         | {
             "events": [
                 {"time": now - 900, "count": "clock_jumps", "what": "the clock jumped by 3600 s"},
@@ -138,6 +147,7 @@ def instruments(site: CannedSite) -> None:
             ]
         },
         instrument("level", "small", "silent", now - 86_400 * 3)
+        | {"lag_s": 5400.0}
         | {"problem": "no line for 3 d", "problem_time": now - 4000},
         instrument("gnss-east", "small", "faulty", now - 700)
         | {"connection": "connecting", "problem": "connection refused by 10.0.0.12:4001"}

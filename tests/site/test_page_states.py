@@ -8,6 +8,7 @@ pytest.importorskip("starlette", reason="the service of a site needs the extra s
 pytest.importorskip("uvicorn", reason="the service of a site needs the extra serve")
 
 from tests.site.browsers import DESK, PHONE, visit
+from tests.site.canned_site import LAG
 from tests.site.page_audits import audit
 from tests.site.page_catalogue import STATES
 
@@ -61,6 +62,44 @@ def test_of_a_point_that_is_unknown_nothing_else_is_said(browser, server):
 def test_causes_have_sizes_in_the_units_of_the_page(browser, server):
     with _opened(browser, server, "verdicts-causes", size=DESK) as v:
         v.sees("#view li", "Size 100 ± 2.00 mm, T² 2500.0")
+
+
+def test_an_instrument_that_is_well_has_its_problem_in_the_past(browser, server):
+    with _opened(browser, server, "instruments", size=DESK) as v:
+        told = v.sees("[data-instrument=ts1] .note", "Last problem (")
+        assert "3 h ago): the clock of the instrument jumped back" in told.inner_text()
+        assert v.page.locator("[data-instrument=ts1] .problem").count() == 0
+        v.sees("[data-instrument=gnss-east] .problem", "11 min ago): connection refused")
+        v.go("overview")
+        v.sees("#view .card .note", "Last problem (")
+        v.sees("#view .card .problem", "connection refused")
+
+
+def test_how_long_readings_take_to_arrive_is_told(browser, server):
+    with _opened(browser, server, "instruments", size=PHONE) as v:
+        for name, lag in (
+            ("ts1", "45 s"),
+            ("ts2", "the clock runs 5 h ahead"),
+            ("level", "90 min"),
+        ):
+            v.sees(f"[data-instrument={name}] [data-figure=lag]", lag)
+
+
+def test_verdicts_say_when_they_were_measured_and_when_they_came(browser, server):
+    with visit(browser, server, at="#/small/verdicts") as v:
+        row = server.site.arrive()
+        told = v.sees(f"[data-id={row['id']}] .head").inner_text()
+        assert re.search(r"measured \d\d:\d\d:\d\d · came \d\d:\d\d:\d\d · ts1", told), told
+        times = v.page.eval_on_selector_all(
+            f"[data-id={row['id']}] time", "all => all.map(t => Date.parse(t.dateTime) / 1000)"
+        )
+        assert times[1] - times[0] == pytest.approx(LAG, abs=1.0)
+        server.site.post("small", {"do": "remove", "ids": [row["id"]]}, "office")
+        v.sees("[data-verdict=command] .note", "office")
+        suspect = server.site.arrive(state="suspect")
+        v.sees(f"[data-id={suspect['id']}]")
+        v.go("verdicts/suspects")
+        v.sees(f"[data-id={suspect['id']}] .head", "measured")
 
 
 def test_displacements_in_height_alone_are_told_as_such(browser, server):

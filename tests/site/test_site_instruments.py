@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
+from time import time
+
 from factorgraph_adj.instruments.nmea_sentences import checksum
 from tests.support.sites import ADDRESS, served, until
 
@@ -46,9 +49,12 @@ def test_lines_of_a_growing_file_become_observations_once(tmp_path):
         assert before >= 5
         health = client.get("/api/v1/instruments").json()[0]
         assert (health["network"], health["refused"], health["not_posted"]) == ("yard", 0, 0)
+        assert health["lag_s"] >= 0.0
     with served(tmp_path, more=INSTRUMENT) as client:  # the file is read again from its begin
         until(lambda: client.get("/api/v1/instruments").json()[0]["postings"] == 2)
         assert client.get(ADDRESS).json()["counts"]["observations"] == before
+        lag = client.get("/api/v1/instruments").json()[0]["lag_s"]
+        assert lag is None, "what was recorded before came in time then"
 
 
 def test_a_line_that_is_wrong_is_told_in_the_health(tmp_path):
@@ -75,17 +81,26 @@ rename = { antenna = "C" }
 """
 
 
+AVERAGED = 30.0
+"""Longest time after the first position at which the mean of some is, seconds."""
+
+
 def test_positions_of_a_receiver_are_in_the_frame_of_the_network(tmp_path):
     lines = []
     for second in range(21):
         body = f"GNLLQ,1200{second:02d}.00,060126,50.02,M,30.01,M,3,14,0.020,103.0,M"
         lines.append(f"${body}*{checksum(body):02X}\r\n")
     (tmp_path / "gnss.txt").write_text("".join(lines))
+    begun = time()
     with served(tmp_path, more=RECEIVER) as client:
         health = until(
             lambda: [h for h in client.get("/api/v1/instruments").json() if h["postings"] == 2]
         )[0]
         assert health["refused"] == 0
+        until(lambda: client.get("/api/v1/instruments").json()[0]["lag_s"])
+        lag = client.get("/api/v1/instruments").json()[0]["lag_s"]
+        measured = datetime(2026, 6, 1, 12, 0, tzinfo=UTC).timestamp()
+        assert begun - measured - AVERAGED <= lag <= time() - measured
 
         def found():
             points = {p["name"]: p for p in client.get(f"{ADDRESS}/points").json()}

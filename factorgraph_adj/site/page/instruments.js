@@ -2,10 +2,14 @@
 import { figures, fill, h } from "./dom.js";
 import { duration, fixed, isNumber, moment, t, word } from "./language.js";
 import { context, now, on, watch } from "./live.js";
-import { part, pill } from "./parts.js";
+import { part, pill, problemOf } from "./parts.js";
 import { instrumentsOf } from "./state.js";
 
 const TROUBLES = ["refused", "without_reading", "doubled", "late", "gaps", "clock_jumps", "doubtful_faces", "left_out", "not_posted", "refused_postings", "not_kept"];
+const AHEAD_SECONDS = 2;
+
+// How long after its measurement the last posting was recorded; the clock may run ahead.
+const lagText = (lag) => (!isNumber(lag) ? "–" : lag < -AHEAD_SECONDS ? t("lag_ahead", { time: duration(-lag) }) : duration(lag));
 
 export function instruments(root, _, signal) {
   const box = part(null);
@@ -21,10 +25,11 @@ export function instruments(root, _, signal) {
       return h("li", { class: "card", "data-instrument": i.name },
         h("h2", {}, i.name, " ", pill(i.state, i.state === "faulty" && i.connection ? word("state", i.connection) : undefined)),
         h("p", { class: "note" }, [i.grammar, i.source, i.network !== context.network ? i.network : null].filter(Boolean).join(" · ")),
-        i.problem ? h("p", { class: i.state === "ok" ? "why" : "problem" }, i.problem_time ? [moment(i.problem_time), " "] : null, h("span", { lang: "en" }, i.problem)) : null,
+        i.problem ? h("p", { class: i.state === "ok" ? "note" : "problem" }, problemOf(i)) : null,
         figures([
           [t("last_message"), [moment(i.last_message, { withSeconds: true }), " ", age]],
           [t("messages"), i.messages ?? "–"], [t("readings"), i.readings ?? "–"],
+          [t("lag"), lagText(i.lag_s), { "data-figure": "lag" }],
           [t("clock_offset"), isNumber(i.clock_offset_s) ? `${fixed(i.clock_offset_s, 1)} s` : "–"],
           // What should not happen is listed where it has happened.
           ...TROUBLES.filter((c) => i[c]).map((c) => [t(`count_${c}`), i[c]]),

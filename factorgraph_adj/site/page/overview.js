@@ -3,7 +3,7 @@ import { request } from "./api.js";
 import { ask, button, figures, fill, h } from "./dom.js";
 import { fixed, isNumber, language, moment, t, word } from "./language.js";
 import { context, here, on, peek, watch } from "./live.js";
-import { act, link, may, part, pill } from "./parts.js";
+import { act, link, may, part, pill, problemOf } from "./parts.js";
 import { alarmSentence, alarmsOf, countsOf, instrumentsOf, light, sigma0Of } from "./state.js";
 import { symbol } from "./symbols.js";
 
@@ -59,7 +59,7 @@ export function overview(root, _, signal) {
   watch("instruments", draw(health, (found) => {
     const own = instrumentsOf(found);
     fill(health.body, own.length
-      ? h("ul", { class: "cards" }, own.map((i) => h("li", { class: "card" }, h("a", { href: link("instruments") }, i.name), " ", pill(i.state, i.state === "faulty" && i.connection ? word("state", i.connection) : undefined), h("div", { class: "note" }, t("last_message"), " ", moment(i.last_message, { withSeconds: true }), i.problem ? [" · ", h("span", { lang: "en" }, i.problem)] : null))))
+      ? h("ul", { class: "cards" }, own.map((i) => h("li", { class: "card" }, h("a", { href: link("instruments") }, i.name), " ", pill(i.state, i.state === "faulty" && i.connection ? word("state", i.connection) : undefined), h("div", { class: "note" }, t("last_message"), " ", moment(i.last_message, { withSeconds: true })), i.problem ? h("div", { class: i.state === "ok" ? "note" : "problem" }, problemOf(i)) : null)))
       : h("p", { class: "note" }, t("no_instruments")));
   }), { events: ["instrument"], every: 15000, signal });
   shine();

@@ -1,7 +1,7 @@
 // Parts that several views have.
 import { command } from "./api.js";
 import { button, english, fill, h, say } from "./dom.js";
-import { clock, nodesOf, stamp, t, utc, word } from "./language.js";
+import { clock, duration, isNumber, moment, nodesOf, stamp, t, utc, word } from "./language.js";
 import { connection, context, may, now } from "./live.js";
 import { symbol } from "./symbols.js";
 
@@ -22,6 +22,13 @@ export function reason(error) {
   const own = SAID.includes(error.status) ? t(`said_${error.status}`) : null;
   const told = error.status === 0 ? "" : error.message || String(error);
   return [own, own && told && " ", told && english(own ? `(${told})` : told)];
+}
+
+// The last problem of an instrument: what is over says so, with when it was.
+export function problemOf(i) {
+  if (!i.problem) return null;
+  const when = isNumber(i.problem_time) ? [moment(i.problem_time, { withSeconds: true }), `, ${t("ago", { time: duration(now() - i.problem_time) })}`] : null;
+  return [i.state === "ok" ? t("last_problem") : t("problem"), " ", when ? ["(", when, ")"] : null, ": ", english(i.problem)];
 }
 
 // A box whose content is drawn from a resource, and which says so where this is not current.
