@@ -23,6 +23,10 @@ MAX_SILENCE_HOURS = 24.0 * 31.0
 MAX_LISTED = 500
 """Largest number of alarms in a list."""
 
+EPOCH_SECONDS = "epoch_seconds"
+"""Field of alarms that epochs raise: length of an epoch, seconds; null: they end by hand or by
+sets."""
+
 Answer = dict[str, Any]
 
 
@@ -161,7 +165,9 @@ def revise(
         if same:
             left.remove(same[0])
             own = {k: v for k, v in data.items() if k != "withdrawn"} | same[0].data
-            if (same[0].since, same[0].until) != stood or own != data:
+            # What an older service did not record is no change of the alarm.
+            differs = any(own.get(name) != value for name, value in data.items())
+            if (same[0].since, same[0].until) != stood or differs:
                 own |= {} if same[0].latest is None else {"latest": same[0].latest}
                 tells = (row["cleared"] is None) != (same[0].until is None)
                 change(row, own, tells=tells, raised=same[0].since, cleared=same[0].until)
@@ -200,6 +206,10 @@ def _tell(connection: Connection, alarm: int, addresses: Sequence[str], said: An
 def shown(row: Mapping[str, Any], network: str | None) -> Answer:
     """Return an alarm as the API shows it.
 
+    ``since`` and ``until`` are times of epochs, which are their middles; ``epoch_begin`` and
+    ``epoch_end`` are the bounds of the epoch that raised it, where its epochs have a length. Where
+    epochs end by hand or by sets, ``since`` and ``until`` are their begins.
+
     Args:
         row: its row.
         network: name of its network.
@@ -215,6 +225,8 @@ def shown(row: Mapping[str, Any], network: str | None) -> Answer:
     own: Answer = {"id": row["id"], "rule": row["rule"], "network": network, "state": state}
     own |= {"points": [row["subject"]] if row["subject"] else []}
     own |= {"since": row["raised"], "until": row["cleared"], "by": row["acknowledged_by"]}
+    if half := 0.5 * (data.get(EPOCH_SECONDS) or 0.0):
+        own |= {"epoch_begin": row["raised"] - half, "epoch_end": row["raised"] + half}
     return data | own | {"acknowledged": row["acknowledged"], "silenced_until": silenced}
 
 

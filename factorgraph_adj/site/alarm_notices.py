@@ -33,6 +33,7 @@ from urllib.request import HTTPRedirectHandler, Request, build_opener
 
 from ..errors import AdjustmentError, InputError, Problem
 from ..io.csv_tables import row_of_table
+from .alarm_log import EPOCH_SECONDS
 from .alarm_tables import check_address, shown_address
 from .database import Database, DatabaseAway
 
@@ -286,14 +287,30 @@ def subject_of(site: str, alarm: Answer) -> str:
     return " ".join(f"{what}: {alarm['rule']}, {places} ({site})".split())
 
 
+def _utc(time: float) -> str:
+    return clock.strftime("%Y-%m-%d %H:%M:%S UTC", clock.gmtime(time))
+
+
+def _of_epoch(alarm: Answer, name: str) -> str:
+    """Return a time of an alarm; that of an epoch is its middle, and its bounds are told."""
+    if alarm.get(EPOCH_SECONDS) is None:
+        return _utc(alarm[name])
+    half = 0.5 * alarm[EPOCH_SECONDS]
+    return f"the epoch from {_utc(alarm[name] - half)} to {_utc(alarm[name] + half)}"
+
+
+def _since(alarm: Answer) -> str:
+    """Return since when an alarm stands, with the number of the epoch that raised it."""
+    number = alarm.get("epoch")
+    return _of_epoch(alarm, "since") + ("" if number is None else f" (epoch {number})")
+
+
 def body_of(alarm: Answer) -> str:
     """Return the text of a message."""
-    when = clock.strftime("%Y-%m-%d %H:%M:%S UTC", clock.gmtime(alarm["since"]))
     lines = [alarm.get("text", ""), "", f"rule: {alarm['rule']}", f"network: {alarm['network']}"]
-    lines += [f"points: {', '.join(alarm['points']) or '-'}", f"since: {when}"]
+    lines += [f"points: {', '.join(alarm['points']) or '-'}", f"since: {_since(alarm)}"]
     if alarm["until"] is not None:
-        until = clock.strftime("%Y-%m-%d %H:%M:%S UTC", clock.gmtime(alarm["until"]))
-        lines.append(f"cleared: {until}")
+        lines.append(f"cleared: {_of_epoch(alarm, 'until')}")
     for key in ("value", "limit", "size_mm", "false_alarms_per_month"):
         if alarm.get(key) is not None:
             lines.append(f"{key.replace('_', ' ')}: {alarm[key]:g}")

@@ -24,7 +24,7 @@ from ..monitoring.monitor import Findings, Monitor
 from ..monitoring.motion_filter import DAY_S
 from ..service.answers import rounded_figure
 from ..units import ANGLE
-from .alarm_log import Raised
+from .alarm_log import EPOCH_SECONDS, Raised
 from .alarm_tables import SiteAlarm
 from .live_epochs import LiveEpoch
 from .monitor_states import State, state_digest
@@ -204,7 +204,7 @@ class Surveillance:
         """Return an alarm with the figures of an epoch."""
         tests = found.points[point].tests if point in found.points else ()
         tests = found.reference_tests if point == OF_REFERENCE else tests
-        data: Answer = {"epoch": since}
+        data: Answer = {"epoch": since, EPOCH_SECONDS: self.settings.epochs.length}
         for said in (a for a in found.alarms if (a.rule, a.point) == (rule, point)):
             data["text"] = said.sentence
         for test in (t for t in tests if t.rule == rule):

@@ -434,7 +434,11 @@ class CannedSite:
             "by": None,
             "acknowledged": None,
             "silenced_until": None,
+            "epoch_seconds": DAY / 4,
         } | more
+        if alarm["epoch"] is not None and alarm["epoch_seconds"]:
+            half = 0.5 * alarm["epoch_seconds"]
+            alarm |= {"epoch_begin": alarm["since"] - half, "epoch_end": alarm["since"] + half}
         self.alarms.append(alarm)
         self.tell("alarm", alarm["network"], alarm=alarm)
         return alarm

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import pytest
 
@@ -122,7 +123,10 @@ def test_a_service_that_was_away_is_caught_up_with(browser, yard):
 
 def test_a_displacement_is_seen_in_its_epoch_and_in_the_series(browser, watched):
     with visit(browser, watched) as v:
-        v.sees(".light.alarm", "wall: displacement of C since")
+        told = v.sees(".light.alarm", "wall: displacement of C since epoch 5").inner_text()
+        # The whole epoch of an hour, not its middle.
+        begin, end = re.search(r"since epoch 5, \S+ (\d\d:00) to \S+ (\d\d:00)", told).groups()
+        assert (int(end[:2]) - int(begin[:2])) % 24 == 1
         _go(v, "epochs")
         v.sees("tr[data-name='5'] .pill.moved", "one point moved")
         v.sees("tr[data-name='4'] .pill.stable")

@@ -11,10 +11,21 @@ from factorgraph_adj.epochs.congruence_tests import HypothesisTest
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.quality.protection_levels import protection_levels
 from factorgraph_adj.site import surveillance
+from factorgraph_adj.site.alarm_notices import body_of
 from factorgraph_adj.site.alarm_tables import SilenceRule, read_alarms
 from factorgraph_adj.site.site_file import read_site
 from factorgraph_adj.site.tables import notices
-from tests.support.sites import ADDRESS, ALARM, readings, served, site_of, yard_of, yard_site
+from tests.support.sites import (
+    ADDRESS,
+    ALARM,
+    BEGIN,
+    HOUR,
+    readings,
+    served,
+    site_of,
+    yard_of,
+    yard_site,
+)
 
 
 def post(client, records):
@@ -37,6 +48,11 @@ def test_a_displacement_raises_an_alarm_that_is_cleared_when_it_is_gone(moved):
     (alarm,) = alarms
     assert alarm["rule"] == "wall" and alarm["network"] == "yard"
     assert alarm["epoch"] == 5 and alarm["value"] > alarm["limit"]
+    assert alarm["since"] == BEGIN + 4.5 * HOUR, "the time of an epoch is its middle"
+    assert alarm["epoch_begin"] == BEGIN + 4 * HOUR and alarm["epoch_end"] == BEGIN + 5 * HOUR
+    assert "since: the epoch from 2023-11-15 03:00:00 UTC to 2023-11-15 04:00:00 UTC (epoch 5)" in (
+        body_of(alarm)
+    )
     assert "C" in alarm["text"]
     events = moved.get(f"{ADDRESS}/events").json()
     told = [e["data"]["alarm"]["state"] for e in events if e["event"] == "alarm"]

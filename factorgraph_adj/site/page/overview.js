@@ -4,7 +4,7 @@ import { ask, button, figures, fill, h } from "./dom.js";
 import { fixed, isNumber, language, moment, t, word } from "./language.js";
 import { context, here, on, peek, watch } from "./live.js";
 import { act, link, may, part, pill, problemOf } from "./parts.js";
-import { alarmSentence, alarmsOf, countsOf, instrumentsOf, light, sigma0Of } from "./state.js";
+import { alarmSentence, alarmUntil, alarmsOf, countsOf, instrumentsOf, light, sigma0Of } from "./state.js";
 import { symbol } from "./symbols.js";
 
 const MOST_PROBLEMS = 5;
@@ -97,7 +97,7 @@ export function alarmItem(a) {
     a.revised ? h("div", { class: "note", lang: "en" }, a.revised) : null,
     h("div", { class: "why" }, [
       isNumber(a.epoch) && [t("epoch"), " ", h("a", { href: link("epochs", a.epoch) }, a.epoch)],
-      a.until && [t("until"), " ", moment(a.until)],
+      a.until && alarmUntil(a),
       isNumber(a.acknowledged) && [word("state", "acknowledged"), " ", moment(a.acknowledged)],
       a.state === "silenced" && a.silenced_until && [t("silenced_until"), " ", moment(a.silenced_until)],
       a.by && `${t("by")} ${a.by}`,

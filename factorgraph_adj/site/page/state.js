@@ -11,6 +11,17 @@ const ofNetwork = (record) => !record.network || record.network === context.netw
 export const alarmsOf = (alarms) => (alarms ?? []).filter((a) => ofNetwork(a) && a.state !== "closed");
 export const instrumentsOf = (found) => (found ?? []).filter(ofNetwork);
 
+// Alarms have the times of epochs, which are their middles: told is the epoch, from begin to end.
+export function alarmSince(a) {
+  if (!isNumber(a.epoch)) return t("since_time", { time: stamp(a.since) });
+  if (isNumber(a.epoch_begin)) return t("since_epoch", { epoch: a.epoch, begin: stamp(a.epoch_begin), end: stamp(a.epoch_end) });
+  return t(a.epoch_seconds === null ? "since_begun" : "since_of", { epoch: a.epoch, time: stamp(a.since) });
+}
+export function alarmUntil(a) {
+  const half = 0.5 * (a.epoch_end - a.epoch_begin);
+  return isNumber(half) ? t("until_epoch", { begin: stamp(a.until - half), end: stamp(a.until + half) }) : t("until_time", { time: stamp(a.until) });
+}
+
 export function alarmSentence(a) {
   // The size of a displacement in mm; values of tests have no unit, those of silence have seconds.
   const figure = (v) => `${fixed(v, a.unit ? 0 : 2)}${a.unit ? ` ${a.unit}` : ""}`;
@@ -21,7 +32,7 @@ export function alarmSentence(a) {
   ].filter(Boolean);
   const size = told.length ? ` (${told.join(", ")})` : "";
   return t("alarm_sentence", {
-    rule: a.rule, test: word("test", a.test), since: stamp(a.since),
+    rule: a.rule, test: word("test", a.test), since: alarmSince(a),
     points: a.points?.length ? a.points.join(", ") : a.instrument ?? t("whole_network"),
   }) + size;
 }
