@@ -70,7 +70,9 @@ class Answers:
             "waiting": self.latest_waiting(),
         }
 
-    def arrivals(self, found: Arrival, sizes: Sequence[int]) -> list[Answer]:
+    def arrivals(
+        self, found: Arrival, sizes: Sequence[int], listed: Sequence[bool]
+    ) -> list[Answer]:
         """Return an answer to each of several lines that came together.
 
         Each has its own verdict, or verdicts of a group, and the points that these touch. What else
@@ -79,6 +81,7 @@ class Answers:
         Args:
             found: the result of their arrival.
             sizes: number of observations of each line.
+            listed: whether the verdict of a line with one observation is a list, too.
         """
         whole = self.arrival(found)
         verdicts, points = whole.pop("verdicts"), {p["name"]: p for p in whole.pop("points")}
@@ -86,11 +89,12 @@ class Answers:
         assert len(given) == sum(sizes), "each given observation has a verdict"
         nothing = {n: type(what)() for n, what in whole.items() if n != "waiting"}
         out, end = [], 0
-        for size in sizes:
+        for size, is_list in zip(sizes, listed, strict=True):
             begin, end = end, end + size
             touched = (n for v in given[begin:end] if v.verdict == "accepted" for n in v.points)
             own = [points[n] for n in dict.fromkeys(touched) if n in points]
-            said = verdicts[begin] if size == 1 else {"verdicts": verdicts[begin:end]}
+            one = size == 1 and not is_list
+            said = verdicts[begin] if one else {"verdicts": verdicts[begin:end]}
             out.append(said | nothing | {"points": own, "waiting": whole["waiting"]})
         shown = {p["name"] for answer in out for p in answer["points"]}
         others = [p for n, p in points.items() if n not in shown]

@@ -283,6 +283,31 @@ def new_camera(fields: Mapping[str, Any]) -> Camera:
     return camera
 
 
+def observations_of_line(fields: Mapping[str, Any], context: RecordContext) -> list[AnyObservation]:
+    """Return the observations of a line: of one without a command, or of ``add`` of nothing else.
+
+    Raises:
+        InputError: it is another command, adds other things too, or an observation is wrong.
+    """
+    if "do" not in fields:
+        if "kind" not in fields:
+            raise InputError(without_kind(fields))
+        return [observation_of_record(fields, context)]
+    if not adds_observations_alone(fields):
+        raise InputError("is no line of observations alone")
+    row = FieldRow(fields, "add", [])
+    found = records_of_list(row, "observations", lambda f: observation_of_record(f, context))
+    refuse_noted_problems(row)
+    return found
+
+
+def adds_observations_alone(fields: Mapping[str, Any]) -> bool:
+    """Return whether a line is the command ``add`` with observations and nothing else."""
+    given = fields.get("observations")
+    own = {*fields} - {"remark"} == {"do", "observations"}
+    return own and fields["do"] == "add" and isinstance(given, list) and len(given) > 0
+
+
 def observation_of_record(fields: Mapping[str, Any], context: RecordContext) -> AnyObservation:
     """Return the observation of a record.
 

@@ -114,7 +114,6 @@ from typing import Any
 from ..blas_threads import one_at_a_time
 from ..errors import AdjustmentError, InputError, Problem, known
 from ..incremental.adjustment import IncrementalAdjustment
-from ..incremental.arrival import Arrival
 from ..io.csv_tables import FieldRow
 from ..io.file_transaction import write_files
 from ..io.json_records import photo_of, point_of, unknown_of
@@ -228,7 +227,7 @@ class Stream:
     def answer_together(
         self, records: Sequence[Mapping[str, Any]], number: int, *, time: float | None = None
     ) -> list[Answer]:
-        """Answer the fields of lines that came together, each one observation or group.
+        """Answer the fields of lines that came together: observations, groups, ``add`` of such.
 
         They are one arrival: each is tested against everything that is there, the others among
         them. A faulty one refuses itself alone.
@@ -245,7 +244,7 @@ class Stream:
         before, begun = self.adjustment.latest, perf_counter()
         try:
             if len(records) > 1:
-                told = self.answers.arrivals(*self._arrival(records, time))
+                told = self._arrivals(records, time)
                 counts = self.answers.counts()
                 after = {"counts": counts, "seconds": round(perf_counter() - begun, 6)}
                 lines = enumerate(told, number)
@@ -263,10 +262,11 @@ class Stream:
         begun = perf_counter()
         try:
             fields = given()
-            if "do" in fields:
-                said = self._command(fields)
+            if "do" not in fields:
+                (said,) = self._arrivals([fields], time)
             else:
-                (said,) = self.answers.arrivals(*self._arrival([fields], time))
+                at = {} if time is None or fields["do"] != "add" else {"time": time}
+                said = self._command(fields | at)
             out: Answer = {"line": number, "ok": True, **said}
         except AdjustmentError as error:
             out = refusal(number, error)
@@ -296,17 +296,19 @@ class Stream:
             requests.refuse_noted_problems(row)
         return {"do": do, **command.run(self, row)}
 
-    def _arrival(
-        self, records: Sequence[Mapping[str, object]], time: float | None
-    ) -> tuple[Arrival, list[int]]:
-        """Add the observations of lines; return their arrival, and how many each line has."""
-        given = []
-        for fields in records:
-            if "kind" not in fields:
-                raise InputError(requests.without_kind(fields))
-            given.append(requests.observation_of_record(fields, self.context))
-        sizes = [len(o.observations) if isinstance(o, Correlated) else 1 for o in given]
-        return self.adjustment.add(given, time=time), sizes
+    def _arrivals(self, records: Sequence[Mapping[str, Any]], time: float | None) -> list[Answer]:
+        """Add the observations of lines as one arrival, and return their answers."""
+        read = [requests.observations_of_line(fields, self.context) for fields in records]
+        sizes = [
+            sum(len(o.observations) if isinstance(o, Correlated) else 1 for o in of_line)
+            for of_line in read
+        ]
+        arrival = self.adjustment.add([o for of_line in read for o in of_line], time=time)
+        told = self.answers.arrivals(arrival, sizes, ["do" in fields for fields in records])
+        return [
+            {"do": "add", **said} if "do" in fields else said
+            for fields, said in zip(records, told, strict=True)
+        ]
 
     # -- commands that change the graph ---------------------------------------------------------
 

@@ -40,6 +40,7 @@ from .live_epochs import LiveEpoch, LiveEpochs
 from .measured_sets import refuse_measured_twice, sets_of_epoch
 from .monitor_states import read_state
 from .network_clock import NetworkClock
+from .network_rows import network_row, record_begin
 from .posting_transactions import Batch, Task
 from .postings import QUERIES, Posting, known_answers, named_ids, recorded_requests
 from .site_file import NetworkSettings
@@ -49,8 +50,7 @@ if TYPE_CHECKING:
     from sqlalchemy import Connection
 
 MAX_BATCH = 250
-"""Largest number of postings in one transaction; a verdict in one arrival of more lacks its gains.
-"""
+"""Largest number of postings in one transaction."""
 MAX_WAITING_POSTINGS = 5000
 """Number of postings that may wait for a network; further ones are told to come later."""
 IDLE_SECONDS = 0.5
@@ -92,7 +92,7 @@ class LiveNetwork:
         """When the last posting was recorded, seconds UTC; None: none since the service began."""
         self.away = ""
         """Why the database could not be written last; empty where it could."""
-        self.id, self.begun = self._row()
+        self.id, self.begun = network_row(database, settings.name)
         self.surveillance = Surveillance(settings, alarms, partial(read_state, database, self.id))
         self.clock = NetworkClock.recorded(settings, database, self.id)
         """Clock by which epochs end."""
@@ -197,20 +197,6 @@ class LiveNetwork:
 
     # -- begin ------------------------------------------------------------------------------------
 
-    def _row(self) -> tuple[int, float]:
-        from sqlalchemy import insert, select
-
-        from .tables import networks
-
-        wanted = select(networks).where(networks.c.name == self.settings.name)
-        with self._database.writing() as connection:
-            found = connection.execute(wanted).first()
-            if found is not None:
-                return int(found.id), float(found.begun)
-            row = {"name": self.settings.name, "settings": "{}", "begun": 0.0}
-            (key,) = connection.execute(insert(networks).values(**row)).inserted_primary_key or (0,)
-            return int(key), 0.0
-
     def _begin(self) -> None:
         """Begin the first epoch where there is none."""
         if self._epochs.rows():
@@ -306,7 +292,8 @@ class LiveNetwork:
         """Answer postings that arrive together: readings, or one posting of any kind."""
         first = self._lines + 1
         self._lines += len(lot)
-        answers = known_answers(lot, self._recorded(lot, batch), first, self.clock.refuse_ahead)
+        recorded = self._recorded(lot, batch)
+        answers = known_answers(lot, recorded, first, partial(self._refuse_unmeasured, batch))
         new = [posting for posting in lot if id(posting) not in answers]
         for posting in (p for p in lot if id(p) in answers):
             if not (answer := answers[id(posting)])["ok"] and "conflict" not in answer:
@@ -334,8 +321,6 @@ class LiveNetwork:
             if lot[0].request:
                 batch.requests.append(lot[0].request_row(self.id, closed))
             return [closed]
-        if lot[0].measured is not None:
-            refuse_measured_twice(self._database, self.id, lot[0].measured, batch.sets)
         there = {row["number"] for row in self._epochs.rows()}
         epoch = self._epoch_of(lot[0], time)
         at = None if self.settings.keep_seconds is None else epoch.arrival_time(time)
@@ -343,9 +328,9 @@ class LiveNetwork:
             records = [posting.record for posting in lot]
             told = epoch.stream.answer_together(records, line, time=at)
         else:
-            record = lot[0].record | ({} if at is None or do != "add" else {"time": at})
+            record = lot[0].record
             labels = {} if do in QUERIES else labels_of(epoch.stream.adjustment, record)
-            told = [epoch.stream.answer_record(record, line)]
+            told = [epoch.stream.answer_record(record, line, time=at)]
             if told[0]["ok"] and do != "add" and do not in QUERIES:
                 decided = decision_record(task.record, *self._named(epoch), labels)
                 batch.actions.append(task.action(do, decided))
@@ -355,6 +340,12 @@ class LiveNetwork:
         if epoch.number not in there and not any(answer["ok"] for answer in told):
             self._epochs.forget(epoch)  # nothing has come for it
         return told
+
+    def _refuse_unmeasured(self, batch: Batch, posting: Posting) -> None:
+        """Refuse what was not measured yet, and a set that its instrument cannot have measured."""
+        self.clock.refuse_ahead(posting.latest, posting.task.received, posting.label)
+        if posting.measured is not None:
+            refuse_measured_twice(self._database, self.id, posting.measured, batch.sets)
 
     def _note(self, posting: Posting, epoch: LiveEpoch, answer: Answer, batch: Batch) -> None:
         """Note what follows from an answer: a request, events, a result that lacks the reading."""
@@ -399,7 +390,7 @@ class LiveNetwork:
             if present.state == "open":
                 return present
             return self._epochs.new(present.number + 1, (time, None))
-        self.begun = self.begun or self._record_begin(time)
+        self.begun = self.begun or record_begin(self._database, self.id, time)
         number = schedule.number(time, self.begun)
         if number < 1:
             first, _ = schedule.bounds(1, self.begun)
@@ -408,16 +399,6 @@ class LiveNetwork:
         if number in {row["number"] for row in self._epochs.rows()}:
             return self._epochs.epoch(number)
         return self._epochs.new(number, schedule.bounds(number, self.begun))
-
-    def _record_begin(self, time: float) -> float:
-        """Record when the first reading came, with which the first epoch begins."""
-        from sqlalchemy import update
-
-        from .tables import networks
-
-        with self._database.writing() as connection:
-            connection.execute(update(networks).where(networks.c.id == self.id).values(begun=time))
-        return time
 
     # -- end of epochs ----------------------------------------------------------------------------
 

@@ -10,13 +10,16 @@ from typing import Any
 
 from ..errors import AdjustmentError, InputError, Problem, known
 from ..service.answers import Answer, refusal
-from ..service.requests import shown_value
+from ..service.requests import adds_observations_alone, shown_value
 from .database import Database
 from .measured_sets import MeasuredSet
 from .posting_transactions import Task
 
 MAX_LETTERS_OF_REQUEST = 200
 """Largest number of characters of a request, as its column in the database."""
+MAX_READINGS_OF_LOT = 250
+"""Largest number of readings that arrive together: verdicts of a larger arrival lack their gains.
+"""
 COMMANDS_THAT_CHANGE = frozenset(
     (
         *("add", "accept", "discard", "remove", "replace", "reweight", "snoop", "settle"),
@@ -113,8 +116,13 @@ class Posting:
 
     @property
     def is_reading(self) -> bool:
-        """Whether it is one observation, or a group."""
-        return "do" not in self.record
+        """Whether it is observations alone: one, a group, or ``add`` with nothing else."""
+        return "do" not in self.record or adds_observations_alone(self.record)
+
+    @property
+    def size(self) -> int:
+        """Number of observations or groups of a reading."""
+        return len(self.record["observations"]) if "do" in self.record else 1
 
     @property
     def is_of_present(self) -> bool:
@@ -127,16 +135,22 @@ class Posting:
         return self.request or id(self)
 
     def joins(self, lot: Mapping[str | int, Posting]) -> bool:
-        """Return whether it can arrive together with others: all are readings, no request twice.
+        """Return whether it can arrive together with others.
 
-        Sets of instruments arrive one by one: one may exclude the next.
+        All are readings, no request stands twice, no set excludes another one of the lot, which may
+        yet be refused, and they are not more than one arrival tells the gains of.
 
         Args:
             lot: the others by their keys.
         """
-        first = next(iter(lot.values()))
-        alone = self.measured is not None or first.measured is not None
-        return self.is_reading and first.is_reading and not alone and self.key not in lot
+        mine, others = self.measured, [*lot.values()]
+        if not (self.is_reading and others[0].is_reading) or self.key in lot:
+            return False
+        if self.size + sum(other.size for other in others) > MAX_READINGS_OF_LOT:
+            return False
+        return mine is None or not any(
+            o.measured is not None and o.measured.excludes(mine) for o in others
+        )
 
 
 def posting_time(record: dict[str, Any], received: float) -> float:
@@ -208,7 +222,7 @@ def known_answers(
     lot: Sequence[Posting],
     recorded: Mapping[str, Mapping[str, Any]],
     line: int,
-    refuse_ahead: Callable[[float, float, str], None],
+    refuse: Callable[[Posting], None],
 ) -> dict[int, Answer]:
     """Return the answers to those of some postings that are not executed, by their ``id()``.
 
@@ -216,8 +230,7 @@ def known_answers(
         lot: the postings.
         recorded: rows of the requests that were executed, by request.
         line: number of the line of the first posting.
-        refuse_ahead: takes a time, that of its receipt and what was measured then; raises
-            `InputError` where the time is still to come.
+        refuse: raises `InputError` where a posting cannot have been measured as it says.
     """
     out: dict[int, Answer] = {}
     for number, posting in enumerate(lot, line):
@@ -226,7 +239,7 @@ def known_answers(
             if row is not None:
                 out[id(posting)] = repeated_answer(row, posting.digest)
             elif posting.do not in QUERIES:
-                refuse_ahead(posting.latest, posting.task.received, posting.label)
+                refuse(posting)
         except OtherRequest as error:
             out[id(posting)] = refusal(number, error) | {"conflict": True}
         except InputError as error:

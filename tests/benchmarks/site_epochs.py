@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 from fastapi.testclient import TestClient
-from sqlalchemy import delete, insert
+from sqlalchemy import delete, func, insert, select
 
 from factorgraph_adj.graph.observation_selection import without
 from factorgraph_adj.io.observation_records import observation_record
@@ -34,7 +34,7 @@ from factorgraph_adj.site.live_network import LiveNetwork
 from factorgraph_adj.site.monitor_states import write_state
 from factorgraph_adj.site.site import Site
 from factorgraph_adj.site.site_file import read_site
-from factorgraph_adj.site.tables import epochs, monitors
+from factorgraph_adj.site.tables import epochs, journal, monitors
 from tests.networks.dam import Weather, dam_epoch
 
 BEGIN = 15_000 * DAY_S
@@ -114,6 +114,10 @@ def make(folder: Path, number: int) -> None:
             rows.append(row | {"result": json.dumps(finite_json(result))})
         with site.database.writing() as connection:
             connection.execute(insert(epochs), rows)
+            newest = select(func.max(epochs.c.id)).scalar_subquery()
+            columns = newest, journal.c.line, journal.c.text
+            lines = select(*columns).where(journal.c.epoch == last["id"])
+            connection.execute(insert(journal).from_select(["epoch", "line", "text"], lines))
             write_state(connection, live.id, survey.digest, survey.state)
 
 
