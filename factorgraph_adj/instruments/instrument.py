@@ -233,8 +233,8 @@ class Instrument:
     def _of_sets(self, formed: Iterable[FormedSet]) -> list[Posting]:
         out = []
         for found in formed:
-            for doubt in found.doubts:
-                self.health.tell("doubtful_faces", str(doubt), found.time)
+            for doubt in found.doubts:  # events have times of receipt, as all others
+                self.health.tell("doubtful_faces", str(doubt), found.of.lines[-1].received)
             remark = "; ".join(str(d) for d in found.doubts)
             of = found.of
             posting = self._posting(found.observations, found.time, of.stamped, of.lines, remark)

@@ -16,9 +16,11 @@ from factorgraph_adj.instruments.simulated_total_station import SimulatedObject
 BEGIN = 1_790_000_000.0
 
 
-def lines(sets, seed=0):
+def lines(sets, seed=0, **fault):
     site = tunnel()
     (station,) = site.total_stations(SimulatedObject(site.network), begin=BEGIN, seed=seed)
+    if fault:
+        station.switch_on("gross-error", at=0, **fault)
     out = []
     for line in station.lines():
         if line.time >= BEGIN + sets * station.interval:
@@ -68,6 +70,18 @@ def test_postings_that_failed_are_posted_again_in_their_order(monkeypatch):
     assert posted == [first, third]
     assert of.health.counts["not_posted"] == 2 and of.health.counts["refused_postings"] == 1
     assert of.health.state == "stopped"
+
+
+def test_events_have_times_of_receipt():
+    """Also where the clock of the instrument is played at speed, hours ahead."""
+    found, station = lines(2, target="T1.2", reading="distance", size_mm=25)
+    of = Instrument(instrument(targets=list(station.targets)))
+    received = [BEGIN - 7200.0 + 0.01 * n for n in range(len(found))]
+    for n, (line, at) in enumerate(zip(found, received, strict=True), 1):
+        of.take(ReceivedLine(line.text, at, n))
+    (doubt,) = [e for e in of.health.events if e.count == "doubtful_faces"]
+    assert doubt.time in received
+    assert of.health.problem_time in received
 
 
 def test_without_targets_a_set_ends_with_the_next():

@@ -241,7 +241,7 @@ def application(site: CannedSite, *, tokens: bool) -> Any:
         route(f"{n}/rejected", observations("rejected")),
         route(f"{n}/doubts", lambda r: {"doubts": site.doubts}),
         route(f"{n}/causes", lambda r: site.causes),
-        route(f"{n}/epochs", lambda r: net(r).epochs),
+        route(f"{n}/epochs", lambda r: net(r).listed_epochs()),
         route(f"{n}/epochs", close, "surveyor", ("POST",)),
         route(f"{n}/epochs/{{k:int}}", lambda r: site.epoch(net(r).name, r.path_params["k"])),
         route(f"{n}/series", lambda r: [site.series(net(r).name, r.query_params["points"])]),

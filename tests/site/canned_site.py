@@ -80,6 +80,11 @@ class CannedNetwork:
             "sigma0": self.sigma0,
         }
 
+    def listed_epochs(self) -> list[Record]:
+        """Return the epochs; those that have ended have counts."""
+        ended = [{"counts": self.counts(e["number"])} | e for e in self.epochs[:-1]]
+        return [*ended, self.epochs[-1] | {"counts": None}]
+
     def summary(self) -> Record:
         return {
             "name": self.name,

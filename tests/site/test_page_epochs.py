@@ -77,6 +77,18 @@ def test_a_viewer_reads_reasons_and_decides_nothing(browser, guarded):
         assert v.page.locator("[data-act]").count() == 0
 
 
+def test_the_list_of_epochs_says_which_have_left_something_out(browser, server):
+    server.site.leave_out()
+    with visit(browser, server, at="#/small/epochs") as v:
+        v.sees("tr[data-name='10']")
+        heads = v.page.locator("#view thead th").all_inner_texts()
+        columns = [n for n, h in enumerate(heads) if h.startswith(("Rejected", "Suspects"))]
+        cells = "(row, ns) => ns.map(n => row.cells[n].textContent)"
+        for name, expected in (("10", ["3", "1"]), ("5", ["0", "0"]), ("11", ["–", "–"])):
+            row = v.page.locator(f"tr[data-name='{name}']")
+            assert row.evaluate(cells, columns) == expected
+
+
 def test_of_an_epoch_whose_readings_were_dropped_it_is_told_that_it_is_over(browser, server):
     server.site.leave_out()
     server.site.networks["small"].epochs[10]["state"] = "dropped"

@@ -27,7 +27,8 @@ export function reason(error) {
 // The last problem of an instrument: what is over says so, with when it was.
 export function problemOf(i) {
   if (!i.problem) return null;
-  const when = isNumber(i.problem_time) ? [moment(i.problem_time, { withSeconds: true }), `, ${t("ago", { time: duration(now() - i.problem_time) })}`] : null;
+  const age = now() - i.problem_time;
+  const when = isNumber(i.problem_time) ? [moment(i.problem_time, { withSeconds: true }), age < 0 ? null : `, ${t("ago", { time: duration(age) })}`] : null;
   return [i.state === "ok" ? t("last_problem") : t("problem"), " ", when ? ["(", when, ")"] : null, ": ", english(i.problem)];
 }
 
