@@ -42,6 +42,27 @@ def test_every_reason_is_told_with_who_decided(browser, server):
         assert v.complaints == []
 
 
+def test_an_ended_epoch_is_read_again_for_what_concerns_it(browser, server):
+    """The service reads its journal for it; what arrives belongs to the present epoch."""
+    server.site.leave_out()
+    with visit(browser, server, at="#/small/epochs/10") as v:
+        _open(v, "rejected")
+        v.sees("[data-id=e0]")
+
+        def times():
+            return len([r for r in v.requests if "rejected?epoch" in r])
+
+        before, row = times(), server.site.arrive()
+        heard = "id => import('/page/live.js').then(m => m.stateOf(11, id) === 'accepted')"
+        v.holds(heard, row["id"])
+        v.page.wait_for_timeout(700)
+        assert times() == before
+        server.site.post("small", {"do": "accept", "ids": ["e0"], "epoch": 10}, "office")
+        v.page.wait_for_selector("[data-part=rejected] [data-id=e0]", state="detached")
+        v.sees(OPENED.format("rejected"), "Rejected (2)")
+        assert times() > before
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_a_decision_is_made_by_keyboard_on_a_phone_in_german(browser, server, scheme):
     server.site.leave_out()

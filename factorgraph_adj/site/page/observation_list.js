@@ -1,14 +1,15 @@
 // Lists of observations that are suspect, wait or are rejected, of the present epoch or of another.
 import { fill, h } from "./dom.js";
 import { kindName, t } from "./language.js";
-import { arrivalOf, here, watch } from "./live.js";
+import { arrivalOf, hasEnded, here, watch } from "./live.js";
 import { observationItem } from "./observation.js";
 import { part } from "./parts.js";
 
 const MOST_LISTED = 200;
 export const VERDICTS = { suspects: "suspect", waiting: "waiting", rejected: "rejected" };
 
-// Options: the epoch; whether its number is told.
+// `epoch`: that of the list; the present one where it is left out. An epoch that has ended changes
+// with decisions and late readings alone, not with what arrives in the present one.
 export function observationList(path, signal, { epoch } = {}) {
   const own = epoch === undefined ? path : `${path}?epoch=${encodeURIComponent(epoch)}`;
   const box = part(null), search = h("input", { type: "search", placeholder: t("table_search"), "aria-label": `${t("table_search")}: ${t(`tab_${path}`)}` });
@@ -41,6 +42,6 @@ export function observationList(path, signal, { epoch } = {}) {
     bar.hidden = epoch !== undefined && rows.length < 6;
     if (!ul.isConnected) fill(box.body, told, ul);
     draw();
-  }), { events: epoch === undefined ? ["arrival"] : ["arrival", "epoch"], signal });
+  }), { events: epoch === undefined ? ["arrival"] : hasEnded(Number(epoch)) ? ["epoch"] : ["arrival", "epoch"], signal });
   return [bar, box.node];
 }
