@@ -23,6 +23,7 @@ const verdictOf = (e) => {
   if (e.congruence?.outcome === "changed") return ["moved", t("changed")];
   return e.congruence ? ["stable", t("stable")] : null;
 };
+const leftOut = (e) => (e.counts ? e.counts.rejected + e.counts.suspects : NaN);
 const outcome = (e) => {
   const found = verdictOf(e);
   return found ? pill(...found) : h("span", { class: "note" }, "–");
@@ -40,10 +41,9 @@ export function epochs(root, [number], signal) {
       { title: t("state"), value: (e) => word("state", e.state), later: true, node: (e) => [word("state", e.state), e.revision > 1 ? ` (${t("revision", { number: e.revision })})` : ""] },
       { title: "σ̂0", number: true, value: (e) => e.sigma0 ?? NaN, text: (e) => fixed(e.sigma0, 3) },
       { title: t("redundancy"), number: true, later: true, value: (e) => e.redundancy ?? NaN, text: (e) => String(e.redundancy ?? "–") },
-      { title: t("rejected"), number: true, later: true, value: (e) => e.counts?.rejected ?? NaN, text: (e) => String(e.counts?.rejected ?? "–") },
-      { title: t("suspects"), number: true, later: true, value: (e) => e.counts?.suspects ?? NaN, text: (e) => String(e.counts?.suspects ?? "–") },
       { title: t("congruence"), value: (e) => movedOf(e).length, number: false, text: (e) => verdictOf(e)?.[1] ?? "–", node: outcome },
       { title: t("moved_points"), later: true, value: (e) => movedOf(e).join(", "), node: (e) => pointLinks(movedOf(e), 6) },
+      { title: t("count_left_out"), number: true, later: true, value: (e) => leftOut(e), text: (e) => (isNumber(leftOut(e)) ? String(leftOut(e)) : "–") },
     ],
   });
   const tools = h("div", { class: "row" });
