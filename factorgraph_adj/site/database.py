@@ -267,11 +267,17 @@ class Database:
 
     def close(self) -> None:
         """Give the database back."""
+        from sqlalchemy import text
+
         held, self._held = self._held, None
         if held is not None:
             os.close(held)
         writer, self._writer = self._writer, None
         if writer is not None:
+            with suppress(Exception):
+                # The server notices later that a connection has ended, and holds the lock until then.
+                writer.execute(text("select pg_advisory_unlock_all()"))
+                writer.commit()
             with suppress(Exception):
                 writer.close()
         self.engine.dispose()

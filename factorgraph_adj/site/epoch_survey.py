@@ -23,7 +23,7 @@ from .epoch_results import record_findings
 from .live_epochs import LiveEpoch
 from .monitor_states import write_state
 from .posting_transactions import Batch
-from .surveillance import Surveillance
+from .surveillance import COMPARED_LATER, Surveillance
 
 if TYPE_CHECKING:
     from sqlalchemy import Connection
@@ -41,8 +41,12 @@ def surveyed(
     epoch: LiveEpoch,
     result: Answer,
     batch: Batch,
+    ended: int,
 ) -> Answer:
     """Return what an epoch tells; alarms and later epochs change with the transaction.
+
+    Where many epochs are to be compared again, a revision does it
+    (`factorgraph_adj.site.epoch_revision`), and what the epoch tells says so.
 
     Args:
         survey: the surveillance of the network.
@@ -51,6 +55,7 @@ def surveyed(
         epoch: the epoch.
         result: its new result, with its estimate.
         batch: what the transaction will hold.
+        ended: number of epochs that have ended.
     """
 
     def rows() -> Rows:
@@ -60,7 +65,7 @@ def surveyed(
     survey.resume()
     before = survey.against
     try:
-        every = survey.findings(rows, epoch, result)
+        every = survey.findings(rows, epoch, result, ended=ended)
     except DatabaseAway:
         raise
     except AdjustmentError as error:
@@ -69,9 +74,12 @@ def surveyed(
         return {"problem": str(error)}
     at, name, rules = float(result["time"]), survey.settings.name, [r.name for r in survey.rules]
     found = every.get(epoch.number, Findings(epoch.number, at, problem=str(result["problem"])))
+    if found.problem == COMPARED_LATER:
+        batch.steps.append(state_of(survey, network))
+        return survey.shown(found)
     later = {n: f for n, f in every.items() if n > epoch.number}
     standing = [] if later else survey.standing(found)
-    episodes = survey.episodes(every) if later else []
+    episodes = survey.episodes(f for _, f in sorted(every.items())) if later else []
 
     def alarms(connection: Connection) -> None:
         if later:
@@ -82,9 +90,13 @@ def surveyed(
 
     if later or survey.against != before:
         _revise_epochs(survey, later, rows(), epoch.number, batch)
-    state = partial(write_state, network=network, digest=survey.digest, state=survey.state)
-    batch.steps += [alarms, state]
+    batch.steps += [alarms, state_of(survey, network)]
     return survey.shown(found)
+
+
+def state_of(survey: Surveillance, network: int) -> Callable[[Connection], None]:
+    """Return the step of a transaction that writes the state of the monitor as it is now."""
+    return partial(write_state, network=network, digest=survey.digest, state=survey.state)
 
 
 def _revise_epochs(
@@ -99,21 +111,36 @@ def _revise_epochs(
         if recorded is None or number == by:
             continue
         found = later.get(number)
-        if found is None and _was_compared(recorded, number, against):
+        if found is None and was_compared(recorded, number, against):
             # It is before the reference now: the first whole epoch has become another one.
             found = Findings(number, float(result["time"]))
         if found is None:
             continue
-        now = survey.shown(found)
-        if _as_recorded(now) == _as_recorded({k: v for k, v in recorded.items() if k != REVISED}):
-            continue
-        batch.results[number] = result | {"findings": now | {REVISED: by}}
-        batch.steps.append(partial(record_findings, epoch=row["id"], result=batch.results[number]))
-        summary = {n: row[n] for n in ("number", "begin", "end", "state", "revision")}
-        batch.events.append(("epoch", {"epoch": number, "what": "revised", "by": by, **summary}))
+        revise_epoch(survey, row, found, by, batch)
 
 
-def _was_compared(recorded: Mapping[str, Any], number: int, against: int | None) -> bool:
+def revise_epoch(survey: Surveillance, row: Answer, found: Findings, by: int, batch: Batch) -> None:
+    """Replace the recorded findings of an epoch where they are others now.
+
+    Args:
+        survey: the surveillance that has found them.
+        row: row of the epoch with its result.
+        found: its findings.
+        by: number of the epoch that has changed them; it is not noted at this one itself.
+        batch: what the transaction will hold.
+    """
+    number, recorded = row["number"], row["result"]["findings"]
+    now = survey.shown(found)
+    if _as_recorded(now) == _as_recorded({k: v for k, v in recorded.items() if k != REVISED}):
+        return
+    noted = {} if number == by else {REVISED: by}
+    batch.results[number] = row["result"] | {"findings": now | noted}
+    batch.steps.append(partial(record_findings, epoch=row["id"], result=batch.results[number]))
+    summary = {n: row[n] for n in ("number", "begin", "end", "state", "revision")}
+    batch.events.append(("epoch", {"epoch": number, "what": "revised", "by": by, **summary}))
+
+
+def was_compared(recorded: Mapping[str, Any], number: int, against: int | None) -> bool:
     """Return whether an epoch before the reference was compared with an earlier one."""
     before = recorded.get("against")
     return against is not None and before is not None and before <= number < against

@@ -102,11 +102,15 @@ class LiveEpochs:
             self._rows = self.read_rows()
         return self._rows
 
-    def read_rows(self, *, results: bool = False) -> list[dict[str, Any]]:
+    def read_rows(
+        self, *, results: bool = False, after: int | None = None, most: int | None = None
+    ) -> list[dict[str, Any]]:
         """Return the rows as the database has them.
 
         Args:
             results: whether with ``result``, the last one of each epoch.
+            after: only those of epochs after this number that have a result.
+            most: only so many of them, the first ones.
         """
         from sqlalchemy import select
 
@@ -115,6 +119,9 @@ class LiveEpochs:
         names = ["id", "number", "begin", "end", "state", "revision", *(["result"] * results)]
         columns = [epochs.c[name] for name in names]
         wanted = select(*columns).where(epochs.c.network == self._network)
+        if after is not None:
+            wanted = wanted.where(epochs.c.number > after, epochs.c.result.is_not(None))
+        wanted = wanted if most is None else wanted.limit(most)
         with self._database.reading() as connection:
             found = [dict(r._mapping) for r in connection.execute(wanted.order_by(epochs.c.number))]
         for row in found if results else ():

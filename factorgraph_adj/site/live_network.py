@@ -34,6 +34,7 @@ from .alarm_tables import SiteAlarm
 from .database import Database, DatabaseAway
 from .decisions import accepted_by_people, decision_record, labels_of
 from .epoch_results import epoch_result, record_result
+from .epoch_revision import revise_some
 from .epoch_search import SEARCHER, search_again
 from .epoch_survey import surveyed
 from .live_epochs import LiveEpoch, LiveEpochs
@@ -152,12 +153,16 @@ class LiveNetwork:
         """
         kept = self.settings.reference, self.surveillance.against
         with self._lock:
+            if self.surveillance.revise_from is not None:  # the reference may become another one
+                return []
             return self._epochs.drop_readings(before, kept)
 
     def close_stale(self) -> None:
         """Compute now what got late readings, without waiting for more of them."""
         with self._lock:
             self._execute([], ends=True)
+            while self.surveillance.revise_from is not None:
+                self._execute([], ends=True)
 
     def _submit(self, task: Task) -> Future[Answer]:
         if self._tasks.qsize() >= MAX_WAITING_POSTINGS:
@@ -218,7 +223,8 @@ class LiveNetwork:
             tasks: list[Task] = []
             ends = False
             try:
-                first = self._tasks.get(timeout=IDLE_SECONDS)
+                waits = self.surveillance.revise_from is not None
+                first = self._tasks.get(timeout=0.0 if waits else IDLE_SECONDS)
                 ends = first is None
                 tasks += [] if first is None else [first]
                 while not ends and len(tasks) < MAX_BATCH:
@@ -246,8 +252,12 @@ class LiveNetwork:
         # Who has given up waiting was not acknowledged anything: it is not executed.
         tasks = [t for t in tasks if t.future.set_running_or_notify_cancel()]
         try:
+            if self.away:
+                self.surveillance.resume()
             self._answer_all(tasks, batch)
             self._close_what_ended(batch, idle=not tasks, ends=ends)
+            if self.surveillance.revise_from is not None and not batch.results:
+                revise_some(self.surveillance, self.id, self._rows_after, batch)
             self._commit(batch)
         except DatabaseAway as error:
             self.away = str(error)
@@ -445,6 +455,7 @@ class LiveNetwork:
         result["findings"] = surveyed(
             *(self.surveillance, self.id, lambda: self._epochs.read_rows(results=True)),
             *(epoch, result, batch),
+            ended=sum(row["state"] != "open" for row in self._epochs.rows()),
         )
         batch.results[epoch.number] = result
         batch.steps.append(lambda c: record_result(c, epoch.id, epoch.revision, result))
@@ -466,6 +477,10 @@ class LiveNetwork:
             task = Task(record, SEARCHER, clock.time(), Future())
             record = decision_record(record, *self._named(epoch))
             batch.actions.append(task.action(record["do"], record))
+
+    def _rows_after(self, number: int, most: int) -> list[dict[str, Any]]:
+        """Return rows of epochs after a number that have results, at most so many."""
+        return self._epochs.read_rows(results=True, after=number, most=most)
 
     # -- transactions -----------------------------------------------------------------------------
 

@@ -9,7 +9,7 @@ and cleared.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -35,6 +35,10 @@ AXES = "xyz"
 MILLIMETRE = 1e-3
 DEFAULT_INTERVAL = 86400.0
 """Time from one epoch to the next where epochs have no length, seconds."""
+EPOCHS_AT_ONCE = 30
+"""Largest number of ended epochs that are compared again in one transaction."""
+COMPARED_LATER = "it is compared again when all epochs before it have been"
+"""Problem of findings that wait for a revision."""
 
 Answer = dict[str, Any]
 Rows = Sequence[Mapping[str, Any]]
@@ -56,7 +60,7 @@ class Surveillance:
             alarms: the alarms of the site.
             read: reads the state of its monitor for a digest of the settings.
         """
-        self.settings = settings
+        self.settings, self._of_site = settings, alarms
         self._alarms = {
             a.rule.name: a
             for a in alarms
@@ -66,6 +70,8 @@ class Surveillance:
         self._monitor: Monitor | None = None
         self._last, self._number = 0, 0
         """Number of the last epoch of the monitor, and number of its epochs."""
+        self._before: State | None = None
+        """What the monitor knew before the last epoch, of which late readings may come."""
         self.reference: ReferenceEpoch | None = None
         """The reference epoch; None: there is none yet."""
         self.digest = state_digest(
@@ -73,6 +79,12 @@ class Surveillance:
             *(settings.reference, settings.reference_epochs),
         )
         """Digest of the settings on which the state depends."""
+        self.revise_from: int | None = None
+        """Number of the first epoch whose findings wait for a revision; None: none do."""
+        self.late: set[int] = set()
+        """Epochs that have got another result since a revision began."""
+        self.revision: object | None = None
+        """The revision that goes on (`factorgraph_adj.site.epoch_revision`)."""
         self.resume()
 
     @property
@@ -88,15 +100,28 @@ class Surveillance:
                 the database.
         """
         self._monitor, self._last, self._number, self.reference = None, 0, 0, None
+        self._before = None
+        self.revise_from, self.revision = None, None
+        self.late.clear()
         if again:
             self._read = _no_state
+
+    def anew(self) -> Surveillance:
+        """Return another surveillance of the network, which has seen no epoch."""
+        return Surveillance(self.settings, self._of_site, _no_state)
+
+    def adopt(self, other: Surveillance) -> None:
+        """Go on with what another one has seen, to which all epochs were given."""
+        self.drop()
+        self._monitor, self._last, self._number = other._monitor, other._last, other._number
+        self.reference = other.reference
 
     @property
     def state(self) -> State | None:
         """State of the monitor as values of JSON; None: there is none."""
         if self._monitor is None or self.reference is None:
             return None
-        of_epochs = {"last": self._last, "number": self._number}
+        of_epochs = {"last": self._last, "number": self._number, "revise_from": self.revise_from}
         return {
             "monitor": self._monitor.to_json(),
             "reference": asdict(self.reference),
@@ -112,19 +137,24 @@ class Surveillance:
         self._monitor.resume(state["monitor"])
         self._last, self._number = state["last"], state["number"]
         self.reference = ReferenceEpoch(**state["reference"])
+        self.revise_from = state["revise_from"]
 
     # -- epochs -----------------------------------------------------------------------------------
 
     def findings(
-        self, rows: Callable[[], Rows], epoch: LiveEpoch, new: Answer
+        self, rows: Callable[[], Rows], epoch: LiveEpoch, new: Answer, *, ended: int = 0
     ) -> dict[int, Findings]:
         """Return what an epoch tells that has just ended, and where it changed, those after it.
 
-        An epoch that follows the last one is added to the monitor. Otherwise this is made again,
-        and the findings of all epochs from the reference on are returned, by number.
+        An epoch that follows the last one is added to the monitor; the last one itself, with late
+        readings, to what the monitor knew before it. Otherwise this is made again,
+        and the findings of all epochs from the reference on are returned, by number. Where there
+        are more than `EPOCHS_AT_ONCE`, that is left to a revision, and the problem of the findings
+        is `COMPARED_LATER`.
 
         Args:
             rows: gives the rows of all epochs with their results so far.
+            ended: number of epochs that have ended.
             epoch: the epoch.
             new: its new result, with its estimate.
 
@@ -136,17 +166,33 @@ class Surveillance:
             return {}
         # The second epoch says whether the first one is whole.
         if is_later and self._number > 1:
-            return {epoch.number: self._added(epoch.number, new)}
+            assert self._monitor is not None
+            self._before = self._monitor.to_json()
+            return {epoch.number: self.added(epoch.number, new)}
+        if self._before is not None and epoch.number == self._last and new.get("estimate"):
+            self._monitor, self._number = self._begun(), self._number - 1
+            self._monitor.resume(self._before)
+            return {epoch.number: self.added(epoch.number, new)}
+        if ended > EPOCHS_AT_ONCE:
+            number = epoch.number
+            self.revise_from = min(number, number if self.revise_from is None else self.revise_from)
+            self.late.add(number)
+            return {number: Findings(number, float(new["time"]), problem=COMPARED_LATER)}
         records = {r["number"]: r["result"] for r in rows() if r["result"]}
         records[epoch.number] = new
-        self._monitor, self._last, self._number = self._begun(), 0, 0
+        self.begin()
         timed = self.settings.epochs.length is not None
         self.reference = reference_epoch(records, self.settings.reference, timed=timed)
         first = np.inf if self.reference is None else self.reference.number
         numbers = sorted(n for n, r in records.items() if r.get("estimate") and n >= first)
-        return {number: self._added(number, records[number]) for number in numbers}
+        return {number: self.added(number, records[number]) for number in numbers}
 
-    def _added(self, number: int, result: Answer) -> Findings:
+    def begin(self) -> None:
+        """Begin with a monitor that has seen no epoch."""
+        self._monitor, self._last, self._number = self._begun(), 0, 0
+        self._before = None
+
+    def added(self, number: int, result: Answer) -> Findings:
         """Add the estimate of an epoch to the monitor, and return what it tells."""
         assert self._monitor is not None
         self._last, self._number = number, self._number + 1
@@ -178,27 +224,30 @@ class Surveillance:
         standing = () if self._monitor is None else self._monitor.open_alarms
         return [self._raised(a.rule, a.point, a.since, found) for a in standing]
 
-    def episodes(self, every: Mapping[int, Findings]) -> list[Raised]:
+    def episodes(self, every: Iterable[Findings]) -> list[Raised]:
         """Return all alarms of some epochs, those that have ended too, in the order of their begin.
 
         Args:
-            every: findings of all epochs from the reference on, by number.
+            every: findings of all epochs from the reference on, in order.
         """
         out: list[Raised] = []
-        last: dict[tuple[str, str], int] = {}
-        for _, found in sorted(every.items()):
-            for event in found.alarms:
-                key = event.rule, event.point
-                now = self._raised(*key, event.since, found)
-                if event.change == "raised":
-                    last[key] = len(out)
-                    out.append(now)
-                elif event.change == "cleared":
-                    out[last[key]] = replace(out[last[key]], until=found.time)
-                else:
-                    latest = now.data | {"epoch": found.number}
-                    out[last[key]] = replace(out[last[key]], latest=latest)
+        for found in every:
+            self.continue_episodes(out, found)
         return out
+
+    def continue_episodes(self, out: list[Raised], found: Findings) -> None:
+        """Add what an epoch does to the alarms of the epochs before it."""
+        for event in found.alarms:
+            key = event.rule, event.point
+            now = self._raised(*key, event.since, found)
+            if event.change == "raised":
+                out.append(now)
+                continue
+            i = max(i for i, alarm in enumerate(out) if (alarm.rule, alarm.subject) == key)
+            if event.change == "cleared":
+                out[i] = replace(out[i], until=found.time)
+            else:
+                out[i] = replace(out[i], latest=now.data | {"epoch": found.number})
 
     def _raised(self, rule: str, point: str, since: int | None, found: Findings) -> Raised:
         """Return an alarm with the figures of an epoch."""

@@ -146,6 +146,12 @@ def timed(what: str, do: Callable[[], object]) -> None:
     print(f"{what:60} {time.perf_counter() - begun:9.3f} s", flush=True)
 
 
+def compared(live: LiveNetwork) -> None:
+    """Return when no findings wait for a revision."""
+    while live.surveillance.revise_from is not None:
+        time.sleep(0.2)
+
+
 def waits(live: LiveNetwork, stop: threading.Event, out: list[float]) -> None:
     """Ask the network again and again, as a page does, and note how long the answers take."""
     while not stop.is_set():
@@ -180,6 +186,7 @@ def main(given: list[str] | None = None) -> None:
                 timed("posting an epoch", lambda live=live, n=n: post(live, day(n)))
                 ends = lambda live=live: live.close_epoch().result(HANGS)  # noqa: E731
                 timed(f"end of the first epoch, {state} a state of the monitor", ends)
+                timed("until no findings wait", lambda live=live: compared(live))
                 if state == "with":
                     n += 1
                     post(live, day(n))
@@ -201,9 +208,10 @@ def main(given: list[str] | None = None) -> None:
                 post(live, [late])
                 while any(r["state"] == "reopened" for r in live.epochs()):
                     time.sleep(0.2)
+                compared(live)
 
             if options.late:
-                timed(f"a late reading of epoch {LATE}, until its result is there", comes_late)
+                timed(f"a late reading of epoch {LATE}, until all is compared", comes_late)
             stop.set()
             watcher.join()
             print(
