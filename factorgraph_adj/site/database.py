@@ -275,7 +275,7 @@ class Database:
         writer, self._writer = self._writer, None
         if writer is not None:
             with suppress(Exception):
-                # The server notices later that a connection has ended, and holds the lock until then.
+                # The server notices only later that a connection has ended.
                 writer.execute(text("select pg_advisory_unlock_all()"))
                 writer.commit()
             with suppress(Exception):

@@ -37,26 +37,17 @@ def epochs(network: Network, caller: Reader) -> list[Answer]:
 @epoch_router.get("/epochs/{number}")
 def epoch(network: Network, site: TheSite, caller: Reader, number: int) -> Answer:
     """Return an epoch with its points, displacements, blocks, tests and decisions."""
-    rows = network.epochs(results=True)
-    for row in rows:
-        if row["number"] == number:
-            result = row["result"] or {}
-            findings = result.get("findings") or {}
-            out = _shown_row(dict(row)) | {"points": result.get("points", [])}
-            out |= {"doubts": result.get("doubts", []), "groups": result.get("groups", [])}
-            names = (
-                "against",
-                "reference",
-                "revised",
-                "displacements",
-                "blocks",
-                "motions",
-                "tests",
-            )
-            decided = epoch_decisions(site.database, network.settings.name, number)
-            out["decisions"] = [d.shown() for d in decided]
-            return out | {name: findings.get(name) for name in names}
-    raise NoSuchThing(no_epoch(network.settings.name, number, [row["number"] for row in rows]))
+    for row in network.epochs(results=True, number=number):
+        result = row["result"] or {}
+        findings = result.get("findings") or {}
+        out = _shown_row(dict(row)) | {"points": result.get("points", [])}
+        out |= {"doubts": result.get("doubts", []), "groups": result.get("groups", [])}
+        names = ("against", "reference", "revised", "displacements", "blocks", "motions", "tests")
+        decided = epoch_decisions(site.database, network.settings.name, number)
+        out["decisions"] = [d.shown() for d in decided]
+        return out | {name: findings.get(name) for name in names}
+    there = [row["number"] for row in network.epochs()]
+    raise NoSuchThing(no_epoch(network.settings.name, number, there))
 
 
 @epoch_router.post("/epochs")

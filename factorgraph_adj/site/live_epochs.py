@@ -103,12 +103,18 @@ class LiveEpochs:
         return self._rows
 
     def read_rows(
-        self, *, results: bool = False, after: int | None = None, most: int | None = None
+        self,
+        *,
+        results: bool = False,
+        number: int | None = None,
+        after: int | None = None,
+        most: int | None = None,
     ) -> list[dict[str, Any]]:
         """Return the rows as the database has them.
 
         Args:
             results: whether with ``result``, the last one of each epoch.
+            number: only that of the epoch of this number.
             after: only those of epochs after this number that have a result.
             most: only so many of them, the first ones.
         """
@@ -119,6 +125,8 @@ class LiveEpochs:
         names = ["id", "number", "begin", "end", "state", "revision", *(["result"] * results)]
         columns = [epochs.c[name] for name in names]
         wanted = select(*columns).where(epochs.c.network == self._network)
+        if number is not None:
+            wanted = wanted.where(epochs.c.number == number)
         if after is not None:
             wanted = wanted.where(epochs.c.number > after, epochs.c.result.is_not(None))
         wanted = wanted if most is None else wanted.limit(most)

@@ -196,9 +196,9 @@ class LiveNetwork:
         with self._lock:
             return len(self._epochs.present.stream.adjustment) > 0
 
-    def epochs(self, *, results: bool = False) -> list[dict[str, Any]]:
-        """Return the epochs in order, as their rows say; ``results``: with their results."""
-        return self._epochs.read_rows(results=results)
+    def epochs(self, *, results: bool = False, number: int | None = None) -> list[dict[str, Any]]:
+        """Return all epochs in order, or one, as their rows say; ``results``: with results."""
+        return self._epochs.read_rows(results=results, number=number)
 
     # -- begin ------------------------------------------------------------------------------------
 

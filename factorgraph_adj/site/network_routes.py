@@ -253,8 +253,8 @@ def _written(network: LiveNetwork, name: str, number: int | None) -> bytes:
     from ..report.options import ReportOptions
 
     if number is None and not network.has_solution:
-        done = [r["number"] for r in network.epochs(results=True) if _has_result(r)]
-        number = done[-1] if done else None
+        every = [row["number"] for row in reversed(network.epochs())]
+        number = next((n for n in every if _has_result(network, n)), None)
     with network.reading(number) as epoch:
         solution = epoch.stream.adjustment.solution()
         units = epoch.stream.context.units
@@ -267,7 +267,8 @@ def _written(network: LiveNetwork, name: str, number: int | None) -> bytes:
         return path.read_bytes()
 
 
-def _has_result(row: Answer) -> bool:
+def _has_result(network: LiveNetwork, number: int) -> bool:
+    (row,) = network.epochs(results=True, number=number)
     return row["state"] != "dropped" and bool((row["result"] or {}).get("points"))
 
 
