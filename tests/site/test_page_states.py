@@ -24,7 +24,8 @@ def _opened(browser, server, name, **look):
 
 
 @pytest.mark.parametrize(
-    "name", ["verdicts-held", "dialog-replace-wrong", "epoch-moved", "points-geocentric"]
+    "name",
+    ["verdicts-held", "dialog-replace-wrong", "epoch-moved", "points-geocentric", "no-networks"],
 )
 def test_a_state_is_readable_and_wide_enough_for_a_finger(browser, server, name):
     with _opened(browser, server, name, size=PHONE, language="de-DE", scheme="dark") as v:

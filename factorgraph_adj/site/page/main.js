@@ -163,7 +163,7 @@ const route = () => (routing = routing.then(routeNow).catch((error) => console.e
 async function routeNow() {
   if (!frame) return;
   const names = (context.site.networks ?? []).map((n) => n.name), { network, view: asked, rest } = placeOf();
-  if (!names.length) { fill(frame.main, h("p", {}, t("no_networks"))); return; }
+  if (!names.length) { fill(frame.main, h("h1", {}, context.site.name ?? ""), h("p", {}, t("no_networks"))); return; }
   const wanted = names.includes(network) ? network : names.includes(recall("network")) ? recall("network") : names[0];
   if (network && !names.includes(network)) say(t("network_unknown", { name: network, shown: context.site.networks.find((n) => n.name === wanted).title ?? wanted }));
   if (!VIEWS[asked] || wanted !== network) { history.replaceState(null, "", `#/${encodeURIComponent(wanted)}/overview`); return routeNow(); }
