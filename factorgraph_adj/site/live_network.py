@@ -57,6 +57,9 @@ MAX_WAITING_POSTINGS = 5000
 IDLE_SECONDS = 0.5
 """Time after which the network looks whether its epoch has ended, seconds."""
 
+YIELD_SECONDS = 0.02
+"""Time between two steps of a revision, in which those who read get the lock, seconds."""
+
 
 class Overloaded(AdjustmentError):
     """Too many postings wait."""
@@ -224,7 +227,7 @@ class LiveNetwork:
             ends = False
             try:
                 waits = self.surveillance.revise_from is not None
-                first = self._tasks.get(timeout=0.0 if waits else IDLE_SECONDS)
+                first = self._tasks.get(timeout=YIELD_SECONDS if waits else IDLE_SECONDS)
                 ends = first is None
                 tasks += [] if first is None else [first]
                 while not ends and len(tasks) < MAX_BATCH:
