@@ -12,6 +12,7 @@ from ..quality.reliability import Reliability
 from ..report.layout import finite_json
 from ..service.answers import rounded_figure
 from ..service.stream import Stream
+from ..statistical_tests import AdjustmentFigures, global_test
 from .epoch_search import rejection_doubts
 
 if TYPE_CHECKING:
@@ -39,6 +40,7 @@ def epoch_result(stream: Stream, number: int, time: float) -> dict[str, Any]:
         return out | {"problem": str(error), "estimate": None}
     answer = stream.answers.solution(solution)
     out |= {name: answer[name] for name in ("converged", "reason", "sigma0", "redundancy")}
+    out["sigma0_limits"] = sigma0_limits(solution)
     out |= {"points": answer["points"], "estimate": None}
     out["groups"] = group_figures(inc.reliability(power=stream.power))
     try:
@@ -46,6 +48,14 @@ def epoch_result(stream: Stream, number: int, time: float) -> dict[str, Any]:
     except AdjustmentError as error:
         return out | {"problem": str(error)}
     return out | {"estimate": estimate.to_json()}
+
+
+def sigma0_limits(adjustment: AdjustmentFigures) -> list[float] | None:
+    """Return the bounds of σ̂0 within which the global test accepts; None without redundancy."""
+    if adjustment.redundancy <= 0:
+        return None
+    test = global_test(adjustment)
+    return [test.lower, test.upper]
 
 
 def group_figures(found: Reliability) -> list[dict[str, Any]]:

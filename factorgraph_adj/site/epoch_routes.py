@@ -23,7 +23,8 @@ def _shown_row(row: Answer) -> Answer:
     """Return an epoch without its points."""
     result = row.pop("result", None) or {}
     findings = result.get("findings") or {}
-    figures = {k: result.get(k) for k in ("sigma0", "redundancy", "counts", "problem", "time")}
+    names = ("sigma0", "sigma0_limits", "redundancy", "counts", "problem", "time")
+    figures = {k: result.get(k) for k in names}
     figures["problem"] = figures["problem"] or findings.get("problem", "")
     return row | figures | {"congruence": findings.get("congruence")}
 

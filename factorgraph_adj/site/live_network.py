@@ -1,9 +1,10 @@
 """A network that lives: epochs as incremental adjustments, one writer, postings in transactions.
 
 A posting is an object of the stream protocol (`factorgraph_adj.service.stream`) with two further
-fields: ``time``, when it was measured (seconds since 1970 UTC; now where it is absent), and
-``request``, a text of the sender: the same request is executed once, and answered again with what
-was answered, marked ``repeated``.
+fields: ``time``, when it was measured (seconds since 1970 UTC; where it is absent, now on the clock
+of the machine, or on that of the network where it is played), and ``request``, a text of the
+sender: the same request is executed once, and answered again with what was answered, marked
+``repeated``.
 
 One thread executes the postings of a network in the order in which they came. All that are there at
 once share one transaction, which holds the lines of the journal, the requests with their answers,
@@ -280,19 +281,20 @@ class LiveNetwork:
         """Answer postings in order; readings of one epoch in a row arrive together."""
         lot: dict[str | int, Posting] = {}
         for task in tasks:
+            last = next(reversed(lot.values()), None)
+            if self.clock.is_played and last and last.task.states_time and not task.states_time:
+                self._answer_lot(lot, batch)  # the clock goes by what came before
             try:
-                posting = Posting.of(task)
+                posting = Posting.of(task, self.clock.reference(task.received))
             except AdjustmentError as error:
-                self._answer_lot([*lot.values()], batch)
-                lot = {}
+                self._answer_lot(lot, batch)
                 self._lines += 1
                 batch.answered.append((task, refusal(self._lines, error)))
                 continue
             if lot and not (posting.joins(lot) and self._are_of_one_epoch(lot, posting)):
-                self._answer_lot([*lot.values()], batch)
-                lot = {}
+                self._answer_lot(lot, batch)
             lot[posting.key] = posting
-        self._answer_lot([*lot.values()], batch)
+        self._answer_lot(lot, batch)
 
     def _are_of_one_epoch(self, lot: Mapping[str | int, Posting], other: Posting) -> bool:
         schedule, first = self.settings.epochs, next(iter(lot.values()))
@@ -301,8 +303,10 @@ class LiveNetwork:
         begun = self.begun or first.time
         return schedule.number(first.time, begun) == schedule.number(other.time, begun)
 
-    def _answer_lot(self, lot: list[Posting], batch: Batch) -> None:
-        """Answer postings that arrive together: readings, or one posting of any kind."""
+    def _answer_lot(self, together: dict[str | int, Posting], batch: Batch) -> None:
+        """Answer and take out postings that arrive together: readings, or one of any kind."""
+        lot = [*together.values()]
+        together.clear()
         first = self._lines + 1
         self._lines += len(lot)
         recorded = self._recorded(lot, batch)

@@ -4,7 +4,8 @@ A reading of a time that is still to come (a wrong clock, a wrong time zone or d
 a typing error, a wrong week of a receiver) would end the present epoch and begin one that stays
 empty. It is refused where it is later than the reference by more than ``max_ahead`` of the network.
 The reference is the clock of this machine; where the site file says that the network is played
-(``clock = "readings"``), it is the time of the latest posting plus the time since it came.
+(``clock = "readings"``), it is the time of the latest posting plus the time since it came. A
+posting that states no time has that of the reference.
 """
 
 from __future__ import annotations
@@ -58,7 +59,7 @@ class NetworkClock:
         with database.reading() as connection:
             rows = connection.execute(wanted.limit(MAX_READ)).all()
         told = [(json.loads(r.data), r.at) for r in rows]
-        # Decisions have the time of this machine; some readings may be late ones.
+        # Decisions are no readings, and some readings may be late ones.
         came = ((float(data["time"]), at) for data, at in told if data.get("do", "add") == "add")
         return cls(settings, *max(came, default=()))
 
@@ -71,6 +72,19 @@ class NetworkClock:
         """Return the time, seconds UTC."""
         return self.latest + time.monotonic() - self._came if self.latest else time.time()
 
+    @property
+    def is_played(self) -> bool:
+        """Whether the site file says that the time of the network is that of its readings."""
+        return self._settings.clock == "readings"
+
+    def reference(self, received: float) -> float:
+        """Return the time of what came now: that of a posting that states none, seconds UTC.
+
+        Args:
+            received: when it was received, seconds UTC of this machine.
+        """
+        return self.now() if self.is_played else received
+
     def refuse_ahead(self, at: float, received: float, what: str = "") -> None:
         """Refuse a time that is still to come.
 
@@ -82,12 +96,11 @@ class NetworkClock:
         Raises:
             InputError: it is later than the reference by more than ``max_ahead``.
         """
-        played = self._settings.clock == "readings"
-        reference = self.now() if played else received
+        reference = self.reference(received)
         ahead, most = at - reference, self._settings.max_ahead
         if ahead <= most:
             return
-        of = "the latest reading of the network" if played else "the clock of this machine"
+        of = "the latest reading of the network" if self.is_played else "the clock of this machine"
         raise InputError(
             Problem(
                 f"{what}{': ' * bool(what)}its time {iso(at)} is {_length(ahead)} ahead of {of}. "

@@ -28,6 +28,11 @@ class Task:
     future: Future[Answer]
     """Takes its answer."""
 
+    @property
+    def states_time(self) -> bool:
+        """Whether it says when it was measured."""
+        return self.record.get("time") is not None
+
     def action(self, action: str, data: Mapping[str, Any]) -> dict[str, Any]:
         """Return the row that records who did something."""
         data_text = json.dumps(data)

@@ -63,17 +63,18 @@ class Posting:
     """The set of an instrument that it is; None: it says nothing of one."""
 
     @classmethod
-    def of(cls, task: Task) -> Posting:
+    def of(cls, task: Task, now: float) -> Posting:
         """Read what a posting says beside its content.
 
         Args:
             task: the posting.
+            now: its time where it states none, seconds UTC.
 
         Raises:
             InputError: a bad time, request, epoch or set, or an unknown command.
         """
         record, do = dict(task.record), task.record.get("do", "add")
-        time, request = posting_time(record, task.received), posting_request(record)
+        time, request = posting_time(record, now), posting_request(record)
         epoch = None if do == "add" else named_epoch(record)
         digest = hashlib.sha256(json.dumps(task.record, sort_keys=True).encode()).hexdigest()
         commands = COMMANDS_THAT_CHANGE | QUERIES
@@ -127,7 +128,7 @@ class Posting:
     @property
     def is_of_present(self) -> bool:
         """Whether it is about the present epoch: a question, or a command that states no time."""
-        return self.do in QUERIES or (self.do != "add" and self.task.record.get("time") is None)
+        return self.do in QUERIES or (self.do != "add" and not self.task.states_time)
 
     @property
     def key(self) -> str | int:
@@ -153,19 +154,19 @@ class Posting:
         )
 
 
-def posting_time(record: dict[str, Any], received: float) -> float:
+def posting_time(record: dict[str, Any], now: float) -> float:
     """Take the time of a posting out of its record.
 
     Args:
         record: the posting.
-        received: when this one was received, its time where it states none.
+        now: its time where it states none, seconds UTC.
 
     Raises:
         InputError: the time is no time.
     """
     given = record.pop("time", None)
     if given is None:
-        return received
+        return now
     if isinstance(given, bool) or not isinstance(given, int | float):
         raise InputError(Problem("time must be seconds since 1970 UTC, a number", "time"))
     if not 0.0 <= given < 1e11:

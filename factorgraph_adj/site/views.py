@@ -14,8 +14,9 @@ from ..quality.error_ellipses import error_ellipses
 from ..report.plots.drawing_plane import drawing_plane_of
 from ..service.answers import rounded_figure
 from ..solve.solution import Solution
-from ..statistical_tests import CONFIDENCE_OF_REGION, global_test, normal_quantile
+from ..statistical_tests import CONFIDENCE_OF_REGION, normal_quantile
 from ..units import LENGTH
+from .epoch_results import sigma0_limits
 from .live_epochs import LiveEpoch
 
 Answer = dict[str, Any]
@@ -46,8 +47,7 @@ class EpochView:
             "dimension": int(open_axes.sum()),
             "critical_w": normal_quantile(1.0 - 0.5 * out["alpha"]),
         }
-        test = None if self.adjustment.redundancy <= 0 else global_test(self.adjustment)
-        out["sigma0_limits"] = None if test is None else [test.lower, test.upper]
+        out["sigma0_limits"] = sigma0_limits(self.adjustment)
         out |= {"length_m": LENGTH[self.stream.context.units.length], "plane": self.plane()}
         geocentric = isinstance(network.frame, GeocentricFrame)
         xy = np.array([p.coordinates[:2] for p in network.points.values()]).reshape(-1, 2)

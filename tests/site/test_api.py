@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from scipy.stats import chi2
 
 from factorgraph_adj.site.access import Access, TooFast
 from factorgraph_adj.site.database import Database
@@ -50,6 +51,16 @@ def test_a_request_that_ends_an_epoch_ends_no_other_one(yard):
     assert [e["state"] for e in yard.get(f"{ADDRESS}/epochs").json()] == ["closed", "open"]
     posted = {**ARRIVALS[1], "request": "end-1"}
     assert yard.post(f"{ADDRESS}/postings", json=posted).json()["conflict"]
+
+
+def test_an_epoch_has_the_bounds_of_its_global_test(yard):
+    yard.post(f"{ADDRESS}/epochs", json={"close": True})
+    (row,) = yard.get(f"{ADDRESS}/epochs").json()
+    lower, upper = row["sigma0_limits"]
+    r = row["redundancy"]
+    assert [lower**2 * r, upper**2 * r] == pytest.approx(chi2.ppf([0.025, 0.975], r))
+    assert yard.get(f"{ADDRESS}/epochs/1").json()["sigma0_limits"] == [lower, upper]
+    assert yard.get(ADDRESS).json()["sigma0_limits"] == [lower, upper]
 
 
 def test_points_have_ellipses(yard):

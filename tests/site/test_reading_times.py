@@ -15,6 +15,7 @@ from factorgraph_adj.instruments.readings import ReceivedLine
 from factorgraph_adj.instruments.simulated_sites import tunnel, write_site
 from factorgraph_adj.instruments.simulated_total_station import SimulatedObject
 from factorgraph_adj.site.network_clock import NetworkClock
+from factorgraph_adj.site.site import Site
 from factorgraph_adj.site.site_file import MAX_AHEAD, NetworkSettings, read_site
 from tests.networks.yard import ARRIVALS
 from tests.support.sites import BEGIN, HOUR, site_of, until, yard_of, yard_site
@@ -100,6 +101,27 @@ def test_a_network_that_is_played_has_the_time_of_its_readings(tmp_path):
     with site_of(tmp_path) as site:
         (late,) = posted(yard_of(site), {**BARE[0], "time": begin + 9 * HOUR})
         assert not late["ok"] and "ahead of the latest reading" in late["error"][0]["what"]
+
+
+def test_readings_without_a_time_are_of_now_on_the_clock_of_a_played_network(tmp_path):
+    """They came with the time of this machine, into an epoch that had ended long ago."""
+    file = yard_site(tmp_path, epochs="1 h") / "site.toml"
+    file.write_text(file.read_text().replace("objects", 'clock = "readings"\nobjects', 1))
+    begin = HOUR * (time.time() // HOUR - 48.0)
+    live = yard_of(site := Site(read_site(tmp_path)))
+    # They wait together: those without a time go by those before them.
+    came = [live.submit({**BARE[0], "time": begin + HOUR * n}) for n in (0, 1, 90, 91)]
+    bare = {**BARE[1], "request": "bare"}
+    came += [live.submit(r) for r in (bare, BARE[2])]
+    came += [live.submit({**BARE[3], "time": begin + HOUR * 92}), live.submit(BARE[3])]
+    site.start()
+    try:
+        assert [f.result(30)["epoch"] for f in came] == [1, 2, 91, 92, 92, 92, 93, 93]
+        (again,) = posted(live, bare)
+        assert again["repeated"] and again["epoch"] == 92
+        assert not [e for e in site.events.after(0) if e.data.get("what") == "reopened"]
+    finally:
+        site.stop()
 
 
 def test_times_of_the_past_are_those_of_a_played_network(tmp_path):
