@@ -16,6 +16,11 @@ With q = 0 the filter is the least-squares line through all epochs and the refer
 `Motion.static_covariance` is what the estimates scatter while the point keeps its place: the test
 of the velocity takes it, T = vᵀ Σ_v⁻¹ v with χ², since the covariance of the filter also has the
 motion that q expects. The test of an innovation takes that of the filter.
+
+The innovations v are independent while the point moves as the model says: T = Σ vᵀ S⁻¹ v has χ²
+with as many degrees of freedom as coordinates in all epochs. Where it exceeds its critical value
+(`Motion.fits`), displacement and velocity of the filter, and their σ, are not those of the point:
+after a jump, for example, the velocity of a line through all epochs.
 """
 
 from __future__ import annotations
@@ -27,7 +32,7 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 
 from ..errors import InputError, known
-from ..statistical_tests import chi2_upper_probability
+from ..statistical_tests import chi2_upper_probability, chi2_upper_quantile
 from ..types import Array
 
 MotionKind: TypeAlias = Literal["velocity", "random walk", "static"]
@@ -35,7 +40,9 @@ MotionKind: TypeAlias = Literal["velocity", "random walk", "static"]
 DAY_S = 86400.0
 """Length of a day, seconds."""
 _ARRAYS = ("mean", "covariance", "static_covariance", "response", "innovation")
-_NUMBERS = ("time", "begun", "innovation_test")
+ALPHA_OF_MODEL = 0.001
+"""Probability that a point which moves as its model says is told not to."""
+_NUMBERS = ("time", "begun", "innovation_test", "model_test", "n_innovations")
 
 
 @dataclass(frozen=True)
@@ -94,6 +101,10 @@ class Motion:
     """Last innovation, (k,) metres; empty before the first epoch."""
     innovation_test: float
     """Probability of a larger last innovation."""
+    model_test: float = 0.0
+    """T = Σ vᵀ S⁻¹ v of all innovations."""
+    n_innovations: int = 0
+    """Number of their coordinates, the degrees of freedom of T."""
 
     @classmethod
     def at(cls, time: float, reference: Array, model: MotionModel) -> Motion:
@@ -116,6 +127,17 @@ class Motion:
         """Return the state of a record of `to_json`."""
         fields: dict[str, Any] = {name: np.array(record[name], dtype=float) for name in _ARRAYS}
         return cls(model=model, **fields, **{name: record[name] for name in _NUMBERS})
+
+    @property
+    def model_critical(self) -> float:
+        """Critical value of `model_test`, χ² at `ALPHA_OF_MODEL`; infinite before any epoch."""
+        n = self.n_innovations
+        return float(chi2_upper_quantile(ALPHA_OF_MODEL, n)) if n else np.inf
+
+    @property
+    def fits(self) -> bool:
+        """Whether the point moves as the model says, as far as `model_test` tells."""
+        return self.model_test <= self.model_critical
 
     @property
     def _k(self) -> int:
@@ -185,6 +207,8 @@ class Motion:
             f @ self.response,
             self.innovation,
             self.innovation_test,
+            self.model_test,
+            self.n_innovations,
         )
 
     def updated(self, time: float, displacement: Array, covariance: Array) -> Motion:
@@ -205,6 +229,7 @@ class Motion:
         v = displacement - h @ there.mean
         s = h @ there.covariance @ h.T + covariance
         gain = np.linalg.solve(s, h @ there.covariance).T
+        squares = float(v @ np.linalg.solve(s, v))
         left = np.eye(3 * k) - gain @ h
         of_epoch = gain @ covariance @ gain.T
         p, m = (left @ x @ left.T + of_epoch for x in (there.covariance, there.static_covariance))
@@ -217,7 +242,9 @@ class Motion:
             self.begun,
             there.response + gain @ ((time - self.begun) * np.eye(k) - h @ there.response),
             v,
-            chi2_upper_probability(float(v @ np.linalg.solve(s, v)), k),
+            chi2_upper_probability(squares, k),
+            self.model_test + squares,
+            self.n_innovations + k,
         )
 
 

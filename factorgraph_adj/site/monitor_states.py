@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from sqlalchemy import Connection
 
 State = dict[str, Any]
-STATE_VERSION = 1
+STATE_VERSION = 2
 """Version of the states that this program writes; others are made again."""
 
 

@@ -304,6 +304,8 @@ def shown_findings(found: Findings, against: int | None, objects: Sequence[str])
             for axis, value, sigma in zip(axes, values, sigmas, strict=True):
                 mine[f"{what}_{axis}_{unit}"] = rounded_figure(float(value))
                 mine[f"sigma_{what}_{axis}_{unit}"] = rounded_figure(float(sigma))
+        mine["T_of_model"] = rounded_figure(motion.model_test)
+        mine["critical_of_model"] = rounded_figure(motion.model_critical)
         out["motions"][name] = mine
     out["tests"] = [{"point": name, **_test(t)} for name, of in tests.items() for t in of] + [
         {"point": OF_REFERENCE, **_test(t)} for t in found.reference_tests

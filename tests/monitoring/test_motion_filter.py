@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.monitoring.motion_filter import DAY_S, Motion, MotionModel, smoothed
+from factorgraph_adj.monitoring.motion_filter import (
+    ALPHA_OF_MODEL,
+    DAY_S,
+    Motion,
+    MotionModel,
+    smoothed,
+)
 
 TIMES = np.array([0.3, 0.5, 1.7, 1.9, 4.0, 6.5]) * DAY_S
 START = -0.4 * DAY_S
@@ -120,7 +126,7 @@ def test_smoothed_states_end_where_the_filter_does_and_scatter_less(model):
 def test_innovations_have_their_size():
     rng = np.random.default_rng(5)
     model, r = MotionModel(noise=0.3), 1e-6 * np.eye(3)
-    p = []
+    p, fits, sums = [], [], []
     for _ in range(400):
         # The truth follows the model: its own noise, the error of the reference, a velocity.
         s, v = np.zeros(3), 1e-3 * model.start_velocity / DAY_S * rng.standard_normal(3)
@@ -132,8 +138,29 @@ def test_innovations_have_their_size():
             y = s + b + 1e-3 * rng.standard_normal(3)
             state = state.updated(i * DAY_S, y, r)
             p.append(state.innovation_test)
+        fits.append(state.fits)
+        sums.append(state.model_test / state.n_innovations)
+    # The mean of N values of χ²/15 has σ √(2/15/N).
+    assert np.mean(sums) == pytest.approx(1.0, abs=4 * np.sqrt(2 / 15 / len(sums)))
+    assert np.mean(fits) > 1.0 - ALPHA_OF_MODEL - 4 * np.sqrt(ALPHA_OF_MODEL / len(fits))
     assert np.mean(p) == pytest.approx(0.5, abs=4 / np.sqrt(12 * len(p)))
     assert np.mean(np.array(p) < 0.05) == pytest.approx(0.05, abs=4 * np.sqrt(0.0475 / len(p)))
+
+
+def test_a_jump_is_no_velocity():
+    """A point that sank once by 8 mm has a velocity in the filter, which says that it is none."""
+    rng = np.random.default_rng(8)
+    for jump, creep in ((0.0, 0.0), (0.0, 2e-3), (-8e-3, 0.0)):
+        state = Motion.at(0.0, 1e-8 * np.eye(3), MotionModel())
+        found = []
+        for i in range(1, 60):
+            y = (jump * (i > 6) + creep * i) * np.array([0.0, 0.0, 1.0])
+            state = state.updated(i * DAY_S, y + 1e-4 * rng.standard_normal(3), 1e-8 * np.eye(3))
+            found.append(state.fits)
+        assert state.n_innovations == 3 * 59
+        assert found[:6] == [True] * 6
+        assert found[6:] == [not jump] * 53
+        assert Motion.from_json(state.to_json(), state.model).fits == (not jump)
 
 
 def test_wrong_motions_are_refused():

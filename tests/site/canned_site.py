@@ -334,6 +334,8 @@ class CannedSite:
         self.beating = True
         """Whether beats are sent; a connection without them hangs."""
         self.doubts: list[str] = []
+        self.jumped: set[str] = set()
+        """Points that do not move as the motion model says."""
         self.decisions: dict[int, list[Record]] = {}
         """Decisions about observations of an epoch, by its number."""
         self.causes: Record = {"most_probable": None, "undecided": [], "causes": []}
@@ -606,6 +608,8 @@ class CannedSite:
             motion[f"displacement_{a}_mm"] = [1e3 * creep * k for k in range(1, n)]
             motion[f"velocity_{a}_mm_per_day"] = [4e3 * creep] * (n - 1)
             motion[f"sigma_velocity_{a}_mm_per_day"] = [0.3] * (n - 1)
+        motion["T_of_model"] = [900.0 if name in self.jumped else 2.5 * k for k in range(1, n)]
+        motion["critical_of_model"] = [16.3 + 5.0 * k for k in range(n - 1)]
         out["detectable_mm"] = [None, *[2.6] * (n - 1)]
         out["alarm_detectable_mm"] = [None, *[3.1] * (n - 1)]
         alarms = [a for a in self.alarms if name in a["points"]]

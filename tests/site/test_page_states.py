@@ -65,6 +65,16 @@ def test_causes_have_sizes_in_the_units_of_the_page(browser, server):
         v.sees("#view li", "Size 100 ± 2.00 mm, T² 2500.0")
 
 
+def test_a_velocity_of_a_point_that_has_jumped_is_not_called_significant(browser, server):
+    with _opened(browser, server, "point", size=PHONE) as v:
+        v.sees("#view .figures", "significant (above 3 σ)")
+        assert v.page.locator("#view p.problem", has_text="constant velocity").count() == 0
+        server.site.jumped = {"D3"}
+        v.page.reload()
+        v.sees("#view p.problem", "does not move at a constant velocity (T 900.0, limit ")
+        assert "above 3 σ" not in v.page.locator("#view").inner_text()
+
+
 def test_an_instrument_that_is_well_has_its_problem_in_the_past(browser, server):
     with _opened(browser, server, "instruments", size=DESK) as v:
         told = v.sees("[data-instrument=ts1] .note", "Last problem (")

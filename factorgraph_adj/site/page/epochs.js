@@ -122,7 +122,7 @@ function epoch(root, number, signal) {
         ...["x", "y", "z"].map((a) => ({ title: `Δ${a} [mm]`, number: true, value: (d) => 1000 * metres(d, `d${a}`), text: (d) => fixed(1000 * metres(d, `d${a}`), 2) })),
         ...["x", "y", "z"].map((a) => ({ title: `σ Δ${a} [mm]`, number: true, later: true, value: (d) => 1000 * metres(d, `sigma_d${a}`), text: (d) => fixed(1000 * metres(d, `sigma_d${a}`), 2) })),
         { title: t("verdict"), value: (d) => t(d.moved ? "moved" : "stable"), node: (d) => pill(d.moved ? "moved" : "stable", t(d.moved ? "moved" : "stable")) },
-        { title: "T", number: true, value: (d) => d.T ?? NaN, text: (d) => fixed(d.T, 2) },
+        { title: "T/h", number: true, value: (d) => d.T ?? NaN, text: (d) => fixed(d.T, 2) },
         { title: t("critical"), number: true, later: true, value: (d) => d.critical ?? NaN, text: (d) => fixed(d.critical, 2) },
         { title: `${t("detectable")} [mm]`, number: true, later: true, value: (d) => 1000 * metres(d, "detectable"), text: (d) => fixed(1000 * metres(d, "detectable"), 2) },
         { title: `${t("alarm_detectable")} [mm]`, number: true, later: true, value: (d) => 1000 * metres(d, "alarm_detectable"), text: (d) => fixed(1000 * metres(d, "alarm_detectable"), 2) },
@@ -133,6 +133,6 @@ function epoch(root, number, signal) {
     if (!readings.node.isConnected) fill(box.body, h("div"), readings.node, compared);
     readings.show(e);
     box.body.firstChild.replaceWith(head);
-    fill(compared, rows.length || blocks.length ? h("p", { class: "note" }, axesNote()) : null, blockList, table ? table.node : null);
+    fill(compared, rows.length || blocks.length ? h("p", { class: "note" }, axesNote()) : null, blockList, table ? [table.node, h("p", { class: "note" }, t("displacement_test_note"))] : null);
   }), { events: ["epoch"], signal });
 }

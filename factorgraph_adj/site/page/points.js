@@ -119,12 +119,12 @@ function drawNext(box, found) {
 function drawMotion(box, s) {
   const m = s.motion;
   if (!m?.times?.length) { box.replaceChildren(); return; }
-  const last = m.times.length - 1;
+  const last = m.times.length - 1, test = m.T_of_model?.[last], limit = m.critical_of_model?.[last], fits = !(test > limit);
   const rows = AXES.filter((a) => (m[`velocity_${a}_mm_per_day`] ?? []).some(isNumber)).map((a) => {
     const v = m[`velocity_${a}_mm_per_day`][last], sigma = m[`sigma_velocity_${a}_mm_per_day`]?.[last];
-    return [t("velocity", { axis: axisName(a) }), [`${fixed(v, 3)} ± ${fixed(sigma, 3)}\u00a0mm/d`, h("span", { class: "note" }, ` ${t(Math.abs(v) > 3 * sigma ? "velocity_significant" : "velocity_none")}`)]];
+    return [t("velocity", { axis: axisName(a) }), [`${fixed(v, 3)} ± ${fixed(sigma, 3)}\u00a0mm/d`, fits ? h("span", { class: "note" }, ` ${t(Math.abs(v) > 3 * sigma ? "velocity_significant" : "velocity_none")}`) : null]];
   });
-  fill(box, rows.length ? figures(rows, { class: "figures small" }) : null);
+  fill(box, fits ? null : h("p", { class: "problem" }, t("motion_not_of_model", { test: fixed(test, 1), limit: fixed(limit, 1) })), rows.length ? figures(rows, { class: "figures small" }) : null);
 }
 function drawValues(box, s) {
   const rows = s.times.map((time, i) => ({ time, epoch: s.epochs?.[i], i }));
