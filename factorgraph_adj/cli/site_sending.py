@@ -67,10 +67,11 @@ def _send(options: argparse.Namespace) -> int:
     from ..site.client import Client, ServiceAway
     from ..site.outbox import IN_MEMORY, Kept, Outbox
 
-    refused = 0
+    acknowledged = refused = 0
 
     def told(kept: Kept, answer: dict[str, Any]) -> None:
-        nonlocal refused
+        nonlocal acknowledged, refused
+        acknowledged += 1
         refused += not answer["ok"]
         if not answer["ok"] or not options.quiet:
             print(json.dumps(answer, ensure_ascii=False), flush=True)
@@ -92,14 +93,17 @@ def _send(options: argparse.Namespace) -> int:
         lines.start()
         try:
             client.forward(outbox, lines.ended, answered=told)
-        except ServiceAway as away:
-            if not outbox.on_disk:
+            if lines.problem is not None:
+                raise lines.problem
+        except AdjustmentError as error:
+            done = f"{counted(acknowledged, 'posting')} sent, {refused} refused"
+            done = done if acknowledged else "nothing was acknowledged by the site"
+            print(done, file=sys.stderr)
+            if not isinstance(error, ServiceAway) or not outbox.on_disk:
                 raise
             kept = counted(len(outbox), "posting")
-            print(f"{away}; {kept} kept in {outbox.path}", file=sys.stderr)
+            print(f"{error}; {kept} kept in {outbox.path}", file=sys.stderr)
             return EXIT_DOUBTFUL
-        if lines.problem is not None:
-            raise lines.problem
     print(f"{counted(lines.number, 'line')} sent, {refused} refused", file=sys.stderr)
     return EXIT_DOUBTFUL if refused else EXIT_FINE
 

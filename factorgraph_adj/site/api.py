@@ -73,7 +73,7 @@ REFUSALS: dict[int | str, dict[str, Any]] = {
         401: "A token is needed, or it is unknown, has expired or was revoked.",
         403: "The role of the token lacks the right.",
         404: "There is no such network, epoch or route.",
-        409: "The request was used for another posting.",
+        409: "The request was used for another posting; in a list, its answer has conflict.",
         413: "The body is too large.",
         422: "What is asked for, or posted, is wrong.",
         429: "The caller makes too many requests: wait for Retry-After.",

@@ -12,6 +12,7 @@ from .decisions import epoch_decisions
 from .dependencies import Decider, Network, Reader, TheSite
 from .live_epochs import no_epoch
 from .network_routes import answer_of, answered
+from .postings import OtherRequest
 from .site import NoSuchThing
 
 epoch_router = APIRouter(prefix="/networks/{name}", tags=["epochs"])
@@ -66,7 +67,8 @@ async def close_epoch(
         raise InputError('close must be true: {"close": true} ends the present epoch')
     (answer,) = await answered([network.close_epoch(caller.name, request)])
     if not answer["ok"]:
-        raise InputError(answer["error"][0]["what"])
+        kind = OtherRequest if "conflict" in answer else InputError
+        raise kind(answer["error"][0]["what"])
     return answer
 
 

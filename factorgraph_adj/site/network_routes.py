@@ -69,7 +69,9 @@ async def post(
 ) -> JSONResponse:
     """Execute a posting, or several in their order; each gets its answer when it is on the disk.
 
-    A posting is an object of the stream protocol, with ``time`` and ``request``.
+    A posting is an object of the stream protocol, with ``time`` and ``request``. Where its request
+    was used for another content, its answer has ``conflict``; one posting alone then has status
+    409.
     """
     postings = body if isinstance(body, list) else [body]
     if len(postings) > MAX_POSTINGS:
@@ -88,7 +90,9 @@ async def post(
         raise
     answers = await answered(futures)
     # Answers are plain JSON already: nothing has to be looked through again.
-    return JSONResponse(answers if isinstance(body, list) else answers[0])
+    if isinstance(body, list):
+        return JSONResponse(answers)
+    return JSONResponse(answers[0], 409 if "conflict" in answers[0] else 200)
 
 
 async def answered(futures: Sequence[Future[Answer]]) -> list[Answer]:

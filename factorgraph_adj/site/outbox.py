@@ -1,7 +1,8 @@
 """Outbox of a sender: postings on its disk until the site has acknowledged them, in order.
 
-What is put in is on the disk before `Outbox.put` returns, with a time and a request of its own, so
-that an outage of a day changes neither when a reading counts nor how often.
+What is put in is on the disk before `Outbox.put` returns, with a request of its own and, where it
+states no time, with when it was put in, so that an outage of a day changes neither when a reading
+counts nor how often.
 """
 
 from __future__ import annotations
@@ -36,20 +37,20 @@ class Kept(NamedTuple):
     network: str
     """Name of its network."""
     record: dict[str, Any]
-    """The posting, with ``time`` and ``request``."""
+    """The posting, with ``request`` and, on a disk, ``time`` or ``kept``."""
 
 
-def requested(record: Mapping[str, Any], *, time: float | None = None) -> dict[str, Any]:
-    """Return a posting with a request of its own where it has none, and with a time.
+def requested(record: Mapping[str, Any], *, kept: float | None = None) -> dict[str, Any]:
+    """Return a posting with a request of its own where it has none, and with when it was kept.
 
     Args:
         record: a posting.
-        time: seconds since 1970 UTC, where the posting states none; None: it stays without one.
+        kept: seconds since 1970 UTC, for a posting that states no time; None: it stays without.
     """
     out = dict(record)
     out.setdefault("request", uuid.uuid4().hex)
-    if time is not None:
-        out.setdefault("time", time)
+    if kept is not None and out.get("time") is None:
+        out.setdefault("kept", kept)
     return out
 
 
@@ -86,14 +87,14 @@ class Outbox:
 
         Args:
             network: name of their network.
-            records: postings; what states no ``time`` was measured now. Where nothing is on a disk,
-                it stays without one: it counts when the site receives it.
+            records: postings; what states no ``time`` was measured now, as its ``kept`` says. Where
+                nothing is on a disk, it stays without one: it counts when the site receives it.
 
         Raises:
             InputError: they cannot be written, on a full disk for example; none of them is kept.
         """
         now = clock.time() if self.on_disk else None
-        rows = [(network, json.dumps(requested(r, time=now))) for r in records]
+        rows = [(network, json.dumps(requested(r, kept=now))) for r in records]
         with self._writing():
             self._file.executemany("insert into postings (network, record) values (?, ?)", rows)
         self._came.set()

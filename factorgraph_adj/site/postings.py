@@ -74,7 +74,7 @@ class Posting:
             InputError: a bad time, request, epoch or set, or an unknown command.
         """
         record, do = dict(task.record), task.record.get("do", "add")
-        time, request = posting_time(record, now), posting_request(record)
+        time, request = posting_time(record, task.received, now), posting_request(record)
         epoch = None if do == "add" else named_epoch(record)
         digest = hashlib.sha256(json.dumps(task.record, sort_keys=True).encode()).hexdigest()
         commands = COMMANDS_THAT_CHANGE | QUERIES
@@ -128,7 +128,8 @@ class Posting:
     @property
     def is_of_present(self) -> bool:
         """Whether it is about the present epoch: a question, or a command that states no time."""
-        return self.do in QUERIES or (self.do != "add" and not self.task.states_time)
+        states_none = not self.task.states_time and self.task.record.get("kept") is None
+        return self.do in QUERIES or (self.do != "add" and states_none)
 
     @property
     def key(self) -> str | int:
@@ -154,23 +155,33 @@ class Posting:
         )
 
 
-def posting_time(record: dict[str, Any], now: float) -> float:
+def posting_time(record: dict[str, Any], received: float, now: float) -> float:
     """Take the time of a posting out of its record.
 
     Args:
-        record: the posting.
-        now: its time where it states none, seconds UTC.
+        record: the posting. Where it states no ``time``, it is now, or earlier by as much as it was
+            ``kept`` by its sender before it was received.
+        received: when it was received, seconds UTC.
+        now: the time then on the clock of its network, seconds UTC.
 
     Raises:
-        InputError: the time is no time.
+        InputError: a time is no time.
     """
-    given = record.pop("time", None)
+    given, kept = _time(record, "time"), _time(record, "kept")
+    if given is not None:
+        return given
+    return now if kept is None else kept + (now - received)
+
+
+def _time(record: dict[str, Any], name: str) -> float | None:
+    """Take a time out of a record; None where it states none."""
+    given = record.pop(name, None)
     if given is None:
-        return now
+        return None
     if isinstance(given, bool) or not isinstance(given, int | float):
-        raise InputError(Problem("time must be seconds since 1970 UTC, a number", "time"))
+        raise InputError(Problem(f"{name} must be seconds since 1970 UTC, a number", name))
     if not 0.0 <= given < 1e11:
-        raise InputError(Problem(f"time {given:g} is no time in seconds since 1970", "time"))
+        raise InputError(Problem(f"{name} {given:g} is no time in seconds since 1970", name))
     return float(given)
 
 

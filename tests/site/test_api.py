@@ -50,7 +50,14 @@ def test_a_request_that_ends_an_epoch_ends_no_other_one(yard):
     assert again == first | {"repeated": True}
     assert [e["state"] for e in yard.get(f"{ADDRESS}/epochs").json()] == ["closed", "open"]
     posted = {**ARRIVALS[1], "request": "end-1"}
-    assert yard.post(f"{ADDRESS}/postings", json=posted).json()["conflict"]
+    (listed,) = yard.post(f"{ADDRESS}/postings", json=[posted]).json()
+    assert listed["conflict"]
+    alone = yard.post(f"{ADDRESS}/postings", json=posted)
+    assert (alone.status_code, alone.json()["error"]) == (409, listed["error"])
+    taken = yard.post(f"{ADDRESS}/postings", json={**posted, "request": "reading"}).json()
+    assert taken["ok"]
+    ends = yard.post(f"{ADDRESS}/epochs", json={"close": True, "request": "reading"})
+    assert ends.status_code == 409 and yard.get(f"{ADDRESS}/epochs").json()[-1]["state"] == "open"
 
 
 def test_an_epoch_has_the_bounds_of_its_global_test(yard):

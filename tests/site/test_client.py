@@ -113,7 +113,7 @@ def test_an_outbox_keeps_order_times_and_requests_after_it_was_opened_again(tmp_
     assert outbox.first(100) == first and len(outbox) == len(ARRIVALS)
     assert [k.record["id"] for k in first] == [a["id"] for a in ARRIVALS[:5]]
     assert len({k.record["request"] for k in first}) == 5
-    times = [k.record["time"] for k in first]
+    times = [k.record["kept"] for k in first]
     assert times == sorted(times) and times[0] > 1.7e9
     refused = {"ok": False, "error": [{"where": "", "what": "no"}]}
     outbox.done(first, [OK, refused, OK, OK, OK])
@@ -269,15 +269,25 @@ def test_what_is_sent_is_on_the_site(served_yard, tmp_path):
 def test_what_cannot_be_sent_is_told(served_yard, network, line, message):
     code, answers, told = sent(served_yard, network, lines=[line])
     assert code == 2 and not answers and message in told
+    assert told.startswith("nothing was acknowledged by the site\n")
+
+
+def test_a_site_that_is_not_there_has_got_nothing(tmp_path):
+    away = SiteProcess(tmp_path, port=9)  # where nobody listens
+    code, answers, told = sent(away, "yard", "--patience", "0.1", lines=ARRIVALS[:2])
+    assert code == 2 and not answers and "does not answer" in told
+    assert told.startswith("nothing was acknowledged by the site\n")
 
 
 def test_lines_before_a_faulty_one_are_sent(served_yard, tmp_path):
     lines = [json.dumps({**ARRIVALS[0], "id": f"f{n}"}) + "\n" for n in range(3)]
     path = tmp_path / "lines.jsonl"
-    path.write_text("".join([lines[0], "\n", lines[1], "no json\n", lines[2]]))
+    bad = '{"do": "retract"}\n'
+    path.write_text("".join([lines[0], "\n", lines[1], bad, "no json\n", lines[2]]))
     code, answers, told = sent(served_yard, "yard", str(path))
-    assert code == 2 and [a["id"] for a in answers] == ["f0", "f1"]
-    assert f"{path}:4: is no JSON" in told
+    assert code == 2 and [a.get("id") for a in answers] == ["f0", "f1", None]
+    assert told.startswith("3 postings sent, 1 refused\n")
+    assert f"{path}:5: is no JSON" in told
 
 
 def test_a_line_without_an_end_is_sent_as_others(served_yard):

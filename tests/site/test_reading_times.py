@@ -124,6 +124,22 @@ def test_readings_without_a_time_are_of_now_on_the_clock_of_a_played_network(tmp
         site.stop()
 
 
+def test_a_posting_that_its_sender_kept_is_as_much_earlier(tmp_path):
+    """The sender of a played site knows how long it kept a reading, not the time there."""
+    file = yard_site(tmp_path, epochs="1 h") / "site.toml"
+    file.write_text(file.read_text().replace("objects", 'clock = "readings"\nobjects', 1))
+    begin, now = HOUR * (time.time() // HOUR - 48.0), time.time()
+    with site_of(tmp_path) as site:
+        live = yard_of(site)
+        posted(live, *({**BARE[0], "time": begin + HOUR * (n + 0.5)} for n in range(4)))
+        (kept,) = posted(live, {**BARE[1], "kept": now - 2.0 * HOUR})
+        assert (kept["ok"], kept["epoch"]) == (True, 2)
+        (bad,) = posted(live, {**BARE[1], "kept": "yesterday"})
+        assert bad["error"] == [
+            {"where": "kept", "what": "kept must be seconds since 1970 UTC, a number"}
+        ]
+
+
 def test_times_of_the_past_are_those_of_a_played_network(tmp_path):
     with site_of(tmp_path, epochs="1 h") as site:
         given = [{**BARE[0], "time": BEGIN + years * 366 * 86400.0} for years in (0, 1, 2)]
