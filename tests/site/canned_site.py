@@ -62,6 +62,9 @@ class CannedNetwork:
     compared: str = AXES
     """Axes of the frame in which epochs are compared."""
 
+    displaced: dict[str, Record] = field(default_factory=dict)
+    """Displacements that are other than those drawn by chance, by names of points."""
+
     def of_epoch(self, number: int | None = None) -> list[Record]:
         """Return the rows of observations of an epoch; None: of the present one."""
         wanted = self.epochs[-1]["number"] if number is None else number
@@ -571,6 +574,7 @@ class CannedSite:
                 | {f"sigma_d{a}_mm": 1.1 if a in net.compared else None for a in AXES}
                 | {"T": 6.2 if p["name"] in moved else 0.8, "critical": 3.8}
                 | {"moved": p["name"] in moved, "detectable_mm": 4.4, "alarm_detectable_mm": 5.1}
+                | net.displaced.get(p["name"], {})
             )
         counts = net.counts(number) if found["state"] != "open" else None
         return found | {

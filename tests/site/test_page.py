@@ -128,6 +128,31 @@ def test_late_readings_of_an_ended_epoch_leave_the_figures_of_the_present_one(br
         assert "7777" not in v.text("#view")
 
 
+def test_figures_that_belong_together_are_of_one_answer(browser, server):
+    site, net = server.site, server.site.networks["small"]
+    figure = "[data-figure=redundancy] dd"
+    with visit(browser, server) as v:
+        before = str(net.counts()["redundancy"])
+        v.sees(figure, before)
+        v.sees("[data-figure=sigma0] .note", "0.87")
+        site.hanging = "networks/small"
+        row = site.arrive()
+        other = net.counts() | {"redundancy": 8}
+        site.tell("arrival", "small", epoch=net.epochs[-1]["number"], ok=True, counts=other)
+        latest = "m.context.log.at(-1).data.counts.redundancy"
+        v.holds(f"() => import('/page/live.js').then(m => {latest} === 8)")
+        # The limits are those of the former redundancy: it stays until both are read.
+        assert (v.text(figure), row["state"]) == (before, "accepted")
+        site.hanging = "?"
+        v.sees(figure, str(net.counts()["redundancy"]))
+        v.go("points/D3")
+        v.sees("[data-figure=ellipse] dd", "mm")
+        v.page.route("**/networks/small/points", lambda r: None)  # no answer
+        site.arrive(target="D3")
+        v.sees("[data-figure=ellipse] dd", re.compile("^–$"))
+        v.page.unroute("**/networks/small/points")
+
+
 def test_an_epoch_of_the_project_without_readings_is_not_listed(browser, server):
     net = server.site.networks["small"]
     assert net.epochs[0]["number"] == 0

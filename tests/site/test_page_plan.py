@@ -145,6 +145,25 @@ def test_the_plan_draws_what_is_asked_for(browser, server):
         assert v.page.evaluate("planForTests.shown.sights") is False  # remembered
 
 
+def test_a_significant_displacement_in_height_is_marked_with_its_sign(browser, server):
+    stable = {"dx_mm": 0.1, "dy_mm": 0.0, "dz_mm": -0.4}
+    server.site.networks["small"].displaced = {
+        "D3": {"dx_mm": 0.1, "dy_mm": 0.0, "dz_mm": -8.0},  # sank
+        "D4": {"dx_mm": 9.0, "dy_mm": 0.0, "dz_mm": 3.2},  # 3 σ are 3.3 mm
+        "D1": stable,
+    }
+    with visit(browser, server, at="#/small/plan") as v:
+        _drawn(v, 7)
+        heights = "[...(planForTests.heights ?? [])]"
+        v.holds(f"() => JSON.stringify({heights}).includes('D3')")
+        assert v.page.evaluate(heights) == [["D3", "↓ −8.0\u00a0mm"]]
+        v.sees(".legend", "change of height")
+        larger = "planForTests.vectors.map(d => d.name === 'D4' ? {...d, up: 0.0034} : d)"
+        v.page.evaluate(f"planForTests.setVectors({larger})")
+        v.holds(f"() => JSON.stringify({heights}).includes('D4')")
+        assert dict(v.page.evaluate(heights))["D4"] == "↑ +3.4\u00a0mm"
+
+
 def test_sights_are_classed_by_their_test_values(browser, server):
     with visit(browser, server, at="#/small/plan") as v:
         _drawn(v, 7)

@@ -16,7 +16,6 @@ export const now = () => Date.now() / 1000;
 export const context = {
   site: null, network: null, role: null,
   summary: null, // of the network when it was chosen: its units and its plane
-  counts: null, // of the latest answer of the present epoch, newer than the summary
   epoch: null, // number of the latest epoch that the page has heard of
   log: [], // the latest events, oldest first
   states: new Map(), // latest verdict of observations that the page has heard of, by epoch and id
@@ -134,11 +133,7 @@ function take(entry, fresh) {
     for (const v of verdictsOf(answer)) become(v.id, v.verdict);
     for (const id of answer.waits_again ?? []) become(id, "waiting");
     if (isReading(answer)) for (const v of verdictsOf({ ...answer, entered: [] })) context.arrivals.set(keyOf(epoch, v.id), { time, at, by });
-    if (fresh && answer.counts && isPresent(entry.data.epoch)) context.counts = answer.counts;
     if (fresh && isPresent(entry.data.epoch)) patchPoints(answer);
-  } else if (entry.event === "epoch" && fresh) {
-    // What is known are the counts of the epoch that ends: the summary, which is read again, has others.
-    if (entry.data.epoch >= (context.epoch ?? 0)) context.counts = null;
   }
   if (fresh) {
     emit("event", entry);
@@ -150,7 +145,7 @@ function wishAll(kind) {
   for (const resource of resources.values()) if (resource.events.has(kind)) resource.wish();
 }
 
-// Late readings open an epoch again: their counts and points are those of that epoch.
+// Late readings open an epoch again: their points are those of that epoch.
 function isPresent(epoch) {
   if (typeof epoch !== "number") return true;
   const known = peek(here(""))?.epoch?.number ?? context.summary?.epoch?.number ?? -1;
@@ -164,14 +159,15 @@ export function hasEnded(epoch) {
   return typeof epoch === "number" && (epoch < Math.max(context.epoch ?? -1, present?.number ?? -1) || (epoch === present?.number && present.state !== "open"));
 }
 
-// Coordinates and σ of points come with the answers; ellipses with the next reading.
+// Coordinates and σ of points come with the answers; ellipses with the next reading: until then
+// those of a point that was `patched` are of another moment than its σ.
 function patchPoints(answer) {
   const resource = resources.get(here("points"));
   if (!resource?.data || !(answer.points?.length || answer.points_lost?.length)) return;
   resource.byName ??= new Map(resource.data.map((p) => [p.name, p]));
   for (const p of answer.points ?? []) {
     const row = resource.byName.get(p.name);
-    if (row) Object.assign(row, p); else { resource.data.push(p); resource.byName.set(p.name, p); }
+    if (row) Object.assign(row, p, { patched: true }); else { resource.data.push(p); resource.byName.set(p.name, p); }
   }
   emit("points", answer.points ?? []);
 }
@@ -271,7 +267,7 @@ async function fillLog() {
 export async function useNetwork(name) {
   disconnect();
   resources.clear();
-  Object.assign(context, { network: name, summary: null, counts: null, epoch: null, log: [] });
+  Object.assign(context, { network: name, summary: null, epoch: null, log: [] });
   context.states.clear();
   context.arrivals.clear();
   lastId = null;

@@ -130,9 +130,8 @@ function watchFrame() {
     if (before === "lost" && connection.state === "live") say(t("connection_back"));
   }, signal);
   on("heard", () => viewing?.fresh?.(), signal);
-  on("event", shine, signal);
   on("login", () => login(t("login_again")), signal);
-  watch(here(""), shine, { events: ["arrival", "epoch"], least: 2000, signal });
+  watch(here(""), shine, { events: ["arrival", "epoch"], least: 1000, signal });
   watch("instruments", shine, { events: ["instrument"], every: 15000, signal });
   watch("alarms?state=standing", (r) => {
     const open = alarmsOf(r.data).filter((a) => a.state === "open");

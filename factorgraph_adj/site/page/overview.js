@@ -30,7 +30,7 @@ export function overview(root, _, signal) {
     fill(numbers.body, figures([
       [t("sigma0"), [fixed(sigma0Of(s), 3), low !== undefined && h("span", { class: "note" }, ` ${fixed(low, 2)}\u00a0…\u00a0${fixed(high, 2)}`)], { "data-figure": "sigma0" }],
       [t("observations"), c.observations ?? "–", { "data-figure": "observations" }],
-      [t("redundancy"), c.redundancy ?? s.redundancy ?? "–"],
+      [t("redundancy"), c.redundancy ?? s.redundancy ?? "–", { "data-figure": "redundancy" }],
       [t("suspects"), h("a", { href: link("verdicts", "suspects") }, c.suspects ?? "–"), { "data-figure": "suspects" }],
       [t("waiting"), h("a", { href: link("verdicts", "waiting") }, c.waiting ?? "–"), { "data-figure": "waiting" }],
       [t("rejected"), h("a", { href: link("verdicts", "rejected") }, c.rejected ?? "–")],
@@ -53,8 +53,7 @@ export function overview(root, _, signal) {
   drawProblems();
 
   const draw = (where, what) => (resource) => { where.show(resource, what); shine(); };
-  watch(here(""), draw(numbers, drawNumbers), { events: ["arrival", "epoch"], least: 2000, signal });
-  on("event", (entry) => { if (entry.event === "arrival") { drawNumbers(); shine(); } }, signal);
+  watch(here(""), draw(numbers, drawNumbers), { events: ["arrival", "epoch"], least: 1000, signal });
   watch("alarms?state=standing", draw(alarms, (found) => drawAlarms(alarms.body, found)), { events: ["alarm"], every: 30000, signal });
   watch("instruments", draw(health, (found) => {
     const own = instrumentsOf(found);

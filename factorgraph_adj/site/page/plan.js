@@ -1,7 +1,7 @@
 // The plan on a canvas: fast for ten thousand points. While it moves, the last picture is moved;
 // the whole is drawn again when it rests or when a frame is cheap.
 import { colour } from "./dom.js";
-import { isNumber, t } from "./language.js";
+import { isNumber, mm, t } from "./language.js";
 
 const COLOURS = ["page", "ink", "soft", "point", "held", "ellipse", "photo", "sight", "sight2", "doubt", "aside", "moved", "selected", "line", "amber"];
 const CHEAP = 12; // ms that a frame may take to be drawn while the plan moves
@@ -26,6 +26,11 @@ export const sightClass = (s, critical) =>
   s.state && s.state !== "accepted" ? (s.state === "waiting" ? 4 : 2)
     : s.w === null || s.w === undefined ? 3
       : Math.abs(s.w) > critical ? 2 : Math.abs(s.w) > 0.6 * critical ? 1 : 0;
+
+// Whether a displacement has a part in height that the plan must tell: where heights alone are
+// compared always, otherwise of a significant one whose part in height exceeds 3 σ or its arrow.
+const showsHeight = (d) => isNumber(d.up) && (!isNumber(d.dx) || !isNumber(d.dy)
+  || (d.moved && Math.abs(d.up) > Math.min(isNumber(d.sigmaUp) ? 3 * d.sigmaUp : Infinity, Math.hypot(d.dx, d.dy))));
 
 export const niceBelow = (size) => {
   const power = 10 ** Math.floor(Math.log10(size));
@@ -449,6 +454,7 @@ export class Plan {
 
   drawVectors() {
     const g = this.g, f = this.factor * this.k;
+    this.heights = new Map();
     for (const [moved, look, width] of [[false, "soft", 1.5], [true, "moved", 3]]) {
       g.strokeStyle = g.fillStyle = this.c[look];
       g.lineWidth = width;
@@ -457,7 +463,8 @@ export class Plan {
         const i = this.points.index.get(d.name);
         if (i === undefined) continue;
         const [u, v] = this.toScreen(this.points.x[i], this.points.y[i]);
-        if (!isNumber(d.dx) || !isNumber(d.dy)) { if (isNumber(d.up)) this.drawHeight(u, v, d); continue; }
+        if (showsHeight(d)) this.drawHeight(u, v, d);
+        if (!isNumber(d.dx) || !isNumber(d.dy)) continue;
         const du = d.dx * f, dv = -d.dy * f, size = Math.hypot(du, dv);
         if (!(size > 1) || !this.inside(u, v, size)) continue;
         const head = Math.min(9, size * 0.5), [ex, ey] = [du / size, dv / size];
@@ -472,10 +479,11 @@ export class Plan {
     }
   }
 
-  // Where heights alone are compared, a displacement is no arrow of the plan: a sign and its size.
+  // A displacement in height is no arrow of the plan: a sign and its size.
   drawHeight(u, v, d) {
     if (!this.inside(u, v, 60) || (!d.moved && this.apart() < LEAST_APART)) return;
-    const g = this.g, text = `${d.up < 0 ? "↓" : "↑"} ${(Math.abs(d.up) * 1000).toFixed(1)} mm`;
+    const g = this.g, text = d.up < 0 ? `↓ −${mm(-d.up)}` : `↑ +${mm(d.up)}`;
+    this.heights.set(d.name, text);
     g.font = `${d.moved ? "600 " : ""}12px system-ui, DejaVu Sans, sans-serif`;
     g.textBaseline = "top";
     g.save();

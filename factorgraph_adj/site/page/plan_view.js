@@ -4,7 +4,7 @@ import { fixed, isNumber, metres, mm, recall, remember, signed, stamp, t } from 
 import { connection, here, on, peek, watch } from "./live.js";
 import { link, part, pointLink } from "./parts.js";
 import { Plan, SIGHTS } from "./plan.js";
-import { axisName, coordinate, lengthUnit, placed, turned } from "./plane.js";
+import { axisName, coordinate, lengthUnit, placed, sigmaUp, turned } from "./plane.js";
 import { pointSearch } from "./search.js";
 import { svg } from "./symbols.js";
 
@@ -77,7 +77,7 @@ function drawPlan(root, bar, first, signal) {
   }
   function hover(name) {
     const p = points.find((r) => r.name === name);
-    return p ? `${name}  ${fixedText(p)}${isNumber(metres(p.ellipse ?? {}, "a")) ? `  ${mm(metres(p.ellipse, "a"))} / ${mm(metres(p.ellipse, "b"))}` : ""}` : name;
+    return p ? `${name}  ${fixedText(p)}${!p.patched && isNumber(metres(p.ellipse ?? {}, "a")) ? `  ${mm(metres(p.ellipse, "a"))} / ${mm(metres(p.ellipse, "b"))}` : ""}` : name;
   }
   function describe(name) {
     const p = name && points.find((r) => r.name === name);
@@ -85,7 +85,7 @@ function drawPlan(root, bar, first, signal) {
     const e = p.ellipse ?? {}, d = plan.vectors.find((v) => v.name === name);
     fill(card, button("✕", () => { plan.choose(-1); canvas.focus(); }, { class: "icon", "aria-label": t("close") }), h("strong", {}, pointLink(name)), ` ${fixedText(p)}`,
       h("div", { class: "figure" }, ["x", "y", "z"].filter((a) => isNumber(p[a])).map((a) => `${axisName(a)} ${coordinate(p[a])}\u00a0${lengthUnit()}`.replaceAll(", ", " ")).join(", ")),
-      isNumber(metres(e, "a")) && h("div", {}, t("ellipse_told", { a: mm(metres(e, "a")), b: mm(metres(e, "b")), azimuth: fixed(e.azimuth_deg, 0) })),
+      !p.patched && isNumber(metres(e, "a")) && h("div", {}, t("ellipse_told", { a: mm(metres(e, "a")), b: mm(metres(e, "b")), azimuth: fixed(e.azimuth_deg, 0) })),
       d && h("div", {}, t(d.moved ? "vector_moved" : "vector_kept", { size: sizes(d) })),
       h("div", {}, h("a", { href: link("points", name) }, t("open_point"))));
   }
@@ -144,7 +144,7 @@ function drawPlan(root, bar, first, signal) {
     signal.addEventListener("abort", () => vectorWatch.abort());
     watch(here(`epochs/${number}`), (r) => { plan.setVectors((r.data?.displacements ?? []).map((d) => {
       const [dx, dy, up] = turned(["dx", "dy", "dz"].map((a) => metres(d, a)));
-      return { name: d.name, dx, dy, up, moved: Boolean(d.moved) };
+      return { name: d.name, dx, dy, up, sigmaUp: sigmaUp(["dx", "dy", "dz"].map((a) => metres(d, `sigma_${a}`))), moved: Boolean(d.moved) };
     })); describe(plan.points.names[plan.chosen]); }, { events: ["epoch"], signal: vectorWatch.signal });
   }
   let vectorWatch = null, begun = false;

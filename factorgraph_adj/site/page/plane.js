@@ -31,6 +31,13 @@ export function turned(vector) {
   return plane.axes.map((row) => (row.some((r, i) => Math.abs(r) > ALONG && !isNumber(vector[i])) ? null : turn([row], known)[0]));
 }
 
+// σ of the part in height of such a vector from those of its components; where several contribute,
+// whose correlation is not known, the largest that it can be.
+export const sigmaUp = (sigmas) => {
+  const row = summary()?.plane?.axes[2] ?? [];
+  return row.reduce((sum, r, i) => sum + (Math.abs(r) > ALONG ? Math.abs(r) * sigmas[i] : 0), 0) || NaN;
+};
+
 // Where an axis of the frame points: east, south … up, or none of them, as in geocentric frames.
 function direction(i) {
   const plane = summary()?.plane;

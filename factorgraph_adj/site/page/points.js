@@ -60,7 +60,7 @@ function point(root, name, signal) {
     const e = p.ellipse ?? {};
     fill(now.body, h("p", {}, pill(stateOf(p) === "undetermined" ? "waiting" : "plain", fixedText(p))), figures([
       ...AXES.filter((a) => isNumber(p[a])).map((a) => [`${axisName(a)} [${lengthUnit()}]`, [coordinate(p[a]), isNumber(metres(p, `sigma_${a}`)) ? h("span", { class: "note" }, ` σ\u00a0${mmOf(p, `sigma_${a}`, 2)}`) : null], { "data-figure": a }]),
-      isNumber(metres(e, "a")) ? [t("ellipse_level", { level: e.level ? `${+(100 * e.level).toPrecision(4)} %` : "" }), `${mmOf(e, "a", 2)} / ${mmOf(e, "b", 2)} / ${fixed(e.azimuth_deg, 0)}°`] : null,
+      isNumber(metres(e, "a")) ? [t("ellipse_level", { level: e.level ? `${+(100 * e.level).toPrecision(4)} %` : "" }), p.patched ? "–" : `${mmOf(e, "a", 2)} / ${mmOf(e, "b", 2)} / ${fixed(e.azimuth_deg, 0)}°`, { "data-figure": "ellipse" }] : null,
       bound ? [t("protection", { risk: bound.risk }), t("protection_told", { horizontal: levelOf(bound, "horizontal"), vertical: levelOf(bound, "vertical") }), { "data-figure": "protection" }] : null,
     ], { class: "figures small" }), bound?.weakest?.length ? h("p", { class: "note" }, t("protection_weakest", { names: bound.weakest.map(labelText).join(", ") })) : null);
   };

@@ -4,7 +4,9 @@ import { connection, context, errorOf, here, peek } from "./live.js";
 
 export const ALARMS = "alarms?state=standing", INSTRUMENTS = "instruments";
 
-export const countsOf = (summary) => context.counts ?? summary?.counts ?? {};
+// Counts, σ̂0, its limits and the epoch belong together: all are of one answer, the summary, which is
+// read again as observations arrive.
+export const countsOf = (summary) => summary?.counts ?? {};
 export const sigma0Of = (summary) => countsOf(summary).sigma0 ?? summary?.sigma0;
 
 const ofNetwork = (record) => !record.network || record.network === context.network;

@@ -39,8 +39,7 @@ export function verdicts(root, [chosen = "live"], signal) {
       mark.hidden = !counts[name];
     }
   };
-  watch(here(""), ({ data }) => count(context.counts ?? data?.counts), { events: ["arrival", "epoch"], least: 2000, signal });
-  on("event", () => count(context.counts), signal);
+  watch(here(""), ({ data }) => count(data?.counts), { events: ["arrival", "epoch"], least: 1000, signal });
   ({ live, suspects: list("suspects"), waiting: list("waiting"), rejected: list("rejected"), causes, doubts })[chosen](panel, signal);
 }
 
