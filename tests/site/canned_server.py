@@ -93,13 +93,14 @@ def application(site: CannedSite, *, tokens: bool) -> Any:
             asked = request.query_params.get("state")
             point = request.query_params.get("point")
             among = (asked,) if asked else states
-            epoch = request.query_params.get("epoch")
+            asked_epoch = request.query_params.get("epoch")
+            number = net(request).epochs[-1]["number"] if asked_epoch is None else int(asked_epoch)
             found = [
                 o
-                for o in net(request).of_epoch(None if epoch is None else int(epoch))
+                for o in net(request).of_epoch(number)
                 if o["state"] in among and (point is None or point in o["points"])
             ]
-            return {"rows": found, "total": len(found), "next": None}
+            return {"epoch": number, "rows": found, "total": len(found), "next": None}
 
         return rows
 
@@ -120,7 +121,8 @@ def application(site: CannedSite, *, tokens: bool) -> Any:
         point = request.query_params.get("point")
         if point is not None:
             return [a for a in site.alarms if point in a["points"]]
-        return [a for a in site.alarms if a["state"] != "closed"]
+        ended = request.query_params.get("state") == "all"
+        return [a for a in site.alarms if ended or a["state"] != "closed"]
 
     async def close(request: Any) -> Any:
         site.close_epoch(request.path_params["network"])

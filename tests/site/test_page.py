@@ -7,6 +7,7 @@ import pytest
 pytest.importorskip("starlette", reason="the service of a site needs the extra serve")
 pytest.importorskip("uvicorn", reason="the service of a site needs the extra serve")
 
+from factorgraph_adj.site.alarm_log import MAX_SILENCE_HOURS
 from tests.site.browsers import DESK, PHONE, VIEWS, visit
 from tests.site.page_audits import audit
 
@@ -74,6 +75,8 @@ def test_times_are_local_and_have_utc_in_their_titles(browser, server):
         v.go("instruments")
         time = v.sees("time")
         assert re.fullmatch(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d UTC", time.get_attribute("title"))
+        v.go("more")
+        v.sees("#view .note", re.compile(r"local times of this device \(\w+"))
 
 
 def test_language_and_colours_are_switched_and_remembered(browser, server):
@@ -200,13 +203,34 @@ def test_problems_of_the_service_are_told(browser, server):
         v.sees("#problems li:first-child", "answers 500")
 
 
+def test_an_alarm_leads_to_its_points_and_stays_when_it_has_ended(browser, server):
+    alarm = server.site.raise_alarm(points=["D4", "D3"])
+    with visit(browser, server) as v:
+        links = v.page.locator(f"[data-alarm='{alarm['id']}'] a")
+        links.first.wait_for()
+        assert links.all_inner_texts() == ["D4", "D3", "10"]
+        v.sees(".alarmbar a").click()
+        v.sees("h1", "D4")
+        v.go("overview")
+        v.sees("#alarms [data-alarm]")
+        assert v.page.locator("#ended-alarms").is_hidden()
+        alarm |= {"state": "closed", "until": alarm["since"] + 20}
+        server.site.tell("alarm", "small", alarm=alarm)
+        v.sees("#ended-alarms summary", "1 alarm has ended and was not acknowledged").click()
+        v.sees("#ended-alarms a", "D4")
+
+
 def test_alarms_are_acknowledged_and_silenced(browser, server):
     alarm = server.site.raise_alarm()
     with visit(browser, server) as v:
         v.press("Silence", within="#alarms")
-        v.page.locator("dialog input").fill("0")
-        v.press("Silence", within="dialog")
-        v.sees("dialog .problem", "above 0")
+        field = v.page.locator("dialog input")
+        field.press("2")
+        assert field.input_value() == "2", "what is typed replaces what is offered"
+        for wrong in ("0", f"{MAX_SILENCE_HOURS + 1:g}"):
+            field.fill(wrong)
+            v.press("Silence", within="dialog")
+            v.sees("dialog .problem", f"above 0, and {MAX_SILENCE_HOURS:g} at most")
         v.page.locator("dialog input").fill("2.5")
         v.press("Silence", within="dialog")
         v.sees("[data-alarm] .pill.silenced")
@@ -236,7 +260,7 @@ def test_a_verdict_is_decided_by_every_button(browser, server):
         v.sees("#say", "is accepted")
         v.page.wait_for_selector("[data-id=s0]", state="detached")
         v.page.locator("[data-id=s1] [data-act=reject]").click()
-        v.sees("#view", "No observation is suspect")
+        v.sees("#view", "Epoch 11: no observation is suspect.")
         assert (rows["s0"]["state"], rows["s1"]["state"]) == ("accepted", "rejected")
         v.go("verdicts/rejected")
         v.page.locator("[data-id=s1] [data-act=accept]").click()
@@ -244,11 +268,12 @@ def test_a_verdict_is_decided_by_every_button(browser, server):
         v.go("verdicts/waiting")
         v.sees("[data-id=s3] .why", "Lacks coordinates of D9")
         v.page.locator("[data-id=s3] [data-act=remove]").click()
+        v.sees("dialog", "in no list afterwards")
         v.press("Cancel", within="dialog")
         assert rows["s3"]["state"] == "waiting"
         v.page.locator("[data-id=s3] [data-act=remove]").click()
         v.press("Remove", within="dialog")
-        v.sees("#view", "No observation waits")
+        v.sees("#view", "Epoch 11: no observation waits.")
         assert rows["s3"]["state"] == "gone"
 
 

@@ -1,5 +1,7 @@
 """What an epoch of the page has left out, why, and what people decide about it."""
 
+import re
+
 import pytest
 
 pytest.importorskip("fastapi", reason="the service of a site needs the extra serve")
@@ -109,6 +111,30 @@ def test_the_list_of_epochs_says_which_have_left_something_out(browser, server):
             assert row.evaluate("(row, n) => row.cells[n].textContent", column) == expected
 
 
+def test_a_standard_deviation_outside_its_limits_is_marked(browser, server):
+    epochs = server.site.networks["small"].epochs
+    for number, sigma0 in ((7, 1.9), (8, 0.4), (9, 1.2)):
+        epochs[number] |= {"sigma0": sigma0, "sigma0_limits": [0.52, 1.48]}
+    with visit(browser, server, at="#/small/epochs") as v:
+        v.sees("tr[data-name='7'] .pill", "above its limits")
+        v.sees("tr[data-name='8'] .pill", "below its limits")
+        for name in ("9", "6"):  # inside; an older result has no limits
+            assert not v.page.locator(f"tr[data-name='{name}'] .pill.doubts").count()
+        v.go("epochs/7")
+        v.sees("[data-figure=sigma0] .note", re.compile("0.52\\s…\\s1.48"))
+        v.sees("[data-figure=sigma0] .pill", "above its limits")
+        v.go("epochs/6")
+        assert v.sees("[data-figure=sigma0] dd").inner_text() == f"{epochs[6]['sigma0']:.3f}"
+
+
+def test_lists_of_verdicts_say_of_which_epoch_they_are(browser, server):
+    server.site.leave_out()
+    with visit(browser, server, at="#/small/verdicts/rejected") as v:
+        v.sees("#verdict-panel .note", "Epoch 11")
+        v.page.get_by_role("link", name="what epoch 10 has left out").click()
+        v.sees(OPENED.format("rejected"), "Rejected (3)")
+
+
 def test_of_an_epoch_whose_readings_were_dropped_it_is_told_that_it_is_over(browser, server):
     server.site.leave_out()
     server.site.networks["small"].epochs[10]["state"] = "dropped"
@@ -151,6 +177,7 @@ def test_a_reading_of_an_ended_epoch_of_the_service_is_accepted_and_taken_back(b
         item = v.sees("[data-decision=accept] [data-id=wrong]")
         assert "slope distance A C" in item.inner_text()
         v.page.locator("[data-decision=accept] [data-act=remove]").click()
+        v.sees("dialog", "not in Rejected either")
         v.sees("dialog", "Epoch 2 has ended")
         v.press("Remove", within="dialog")
         v.sees("#view dl", "Revision3")

@@ -54,6 +54,8 @@ export function ask({ title, content = [], agree, cancel, danger = false, check 
       h("button", { type: "submit", class: danger ? "danger" : "main" }, agree),
       button(cancel, () => done(null))));
     const box = h("dialog", { "aria-labelledby": id, on: { cancel: (event) => { event.preventDefault(); done(null); } } }, form);
+    // What is typed replaces the value that is offered.
+    for (const field of form.querySelectorAll("input")) field.addEventListener("focus", () => field.select());
     document.body.append(box);
     box.showModal();
   });

@@ -23,6 +23,10 @@ const verdictOf = (e) => {
   if (e.congruence?.outcome === "changed") return ["moved", t("changed")];
   return e.congruence ? ["stable", t("stable")] : null;
 };
+// Whether σ̂0 lies outside the limits of its global test; older results have none.
+const isOutside = ({ sigma0, sigma0_limits: limits }) => isNumber(sigma0) && isNumber(limits?.[0]) && (sigma0 < limits[0] || sigma0 > limits[1]);
+const limitsText = ({ sigma0_limits: limits }) => `${fixed(limits?.[0], 2)}\u00a0…\u00a0${fixed(limits?.[1], 2)}`;
+const outsideMark = (e) => (isOutside(e) ? [" ", pill("doubts", t(e.sigma0 > e.sigma0_limits[1] ? "sigma0_high" : "sigma0_low"))] : null);
 const leftOut = (e) => (e.counts ? e.counts.rejected + e.counts.suspects : NaN);
 const outcome = (e) => {
   const found = verdictOf(e);
@@ -39,7 +43,7 @@ export function epochs(root, [number], signal) {
       { title: t("begin"), value: (e) => e.begin, text: (e) => stamp(e.begin), node: (e) => moment(e.begin) },
       { title: t("end"), value: (e) => e.end, text: (e) => stamp(e.end), node: (e) => moment(e.end), later: true },
       { title: t("state"), value: (e) => word("state", e.state), later: true, node: (e) => [word("state", e.state), e.revision > 1 ? ` (${t("revision", { number: e.revision })})` : ""] },
-      { title: "σ̂0", number: true, value: (e) => e.sigma0 ?? NaN, text: (e) => fixed(e.sigma0, 3) },
+      { title: "σ̂0", number: true, value: (e) => e.sigma0 ?? NaN, text: (e) => fixed(e.sigma0, 3), node: (e) => [fixed(e.sigma0, 3), outsideMark(e)] },
       { title: t("redundancy"), number: true, later: true, value: (e) => e.redundancy ?? NaN, text: (e) => String(e.redundancy ?? "–") },
       { title: t("congruence"), value: (e) => movedOf(e).length, number: false, text: (e) => verdictOf(e)?.[1] ?? "–", node: outcome },
       { title: t("moved_points"), later: true, value: (e) => movedOf(e).join(", "), node: (e) => pointLinks(movedOf(e), 6) },
@@ -100,7 +104,7 @@ function epoch(root, number, signal) {
       verdictOf(e) ? h("p", {}, outcome(e)) : null,
       figures([
         [t("begin"), moment(e.begin)], [t("end"), moment(e.end)], [t("state"), word("state", e.state)],
-        ["σ̂0", fixed(e.sigma0, 3)], [t("observations"), e.counts?.observations ?? "–"], [t("redundancy"), e.redundancy ?? "–"], [t("revision_head"), e.revision ?? "–"],
+        ["σ̂0", [fixed(e.sigma0, 3), isNumber(e.sigma0_limits?.[0]) && h("span", { class: "note" }, ` ${limitsText(e)}`), outsideMark(e)], { "data-figure": "sigma0" }], [t("observations"), e.counts?.observations ?? "–"], [t("redundancy"), e.redundancy ?? "–"], [t("revision_head"), e.revision ?? "–"],
       ], { class: "figures small" }),
       e.problem ? h("p", { class: "problem", lang: "en" }, e.problem) : null,
       isNumber(e.revised) ? h("p", { class: "note" }, t("revised_by", { number: e.revised })) : null,

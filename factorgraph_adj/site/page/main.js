@@ -3,7 +3,7 @@ import { read, request } from "./api.js";
 import { button, fill, h, say } from "./dom.js";
 import { clock, language, loadLanguages, nodesOf, recall, remember, stamp, t, useKinds, useLanguage } from "./language.js";
 import { connection, context, forget, here, on, peek, useNetwork, watch } from "./live.js";
-import { freshness, link, pill, reason } from "./parts.js";
+import { alarmPlace, freshness, link, pill, reason } from "./parts.js";
 import { alarmSentence, alarmsOf, countsOf, light } from "./state.js";
 import { icon, symbol } from "./symbols.js";
 import { downloads } from "./downloads.js";
@@ -59,7 +59,7 @@ function settings(again) {
 
 function more(root) {
   root.append(h("ul", { class: "cards" }, ["epochs", "instruments", "downloads"].map((v) => h("li", { class: "card" }, h("a", { href: link(v) }, t(`view_${v}`)), h("p", { class: "note" }, t(`about_${v}`))))),
-    h("h2", {}, t("settings")), settings(rebuild), account());
+    h("h2", {}, t("settings")), settings(rebuild), h("p", { class: "note" }, t("times_are", { zone: Intl.DateTimeFormat().resolvedOptions().timeZone ?? "–" })), account());
 }
 
 function account() {
@@ -144,7 +144,7 @@ function watchFrame() {
       first = false;
     }
     frame.alarmbar.hidden = !open.length;
-    fill(frame.alarmbar, open.length ? [t("alarm"), ": ", h("a", { href: link("overview") }, alarmSentence(open[0])), open.length > 1 ? ` ${t("and_more", { n: open.length - 1 })}` : ""] : null);
+    fill(frame.alarmbar, open.length ? [t("alarm"), ": ", h("a", { href: alarmPlace(open[0]) }, alarmSentence(open[0])), open.length > 1 ? ` ${t("and_more", { n: open.length - 1 })}` : ""] : null);
     shine();
   }, { events: ["alarm"], every: 30000, signal });
   banners();

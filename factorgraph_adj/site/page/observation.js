@@ -69,7 +69,7 @@ async function run(row, what, v, done) {
   }
   if (what === "reject") return act(row, { do: "discard", ...about }, () => (done("rejected"), t("rejected_done", { name })));
   if (what === "remove") {
-    const sure = await ask({ title: t("remove_title", { name }), content: [h("p", {}, t("remove_what")), ended ? h("p", {}, t("ended_what", { number: v.epoch })) : null], agree: t("remove"), cancel: t("cancel"), danger: true });
+    const sure = await ask({ title: t("remove_title", { name }), content: [h("p", {}, t("remove_what")), h("p", {}, t(v.verdict === "waiting" ? "remove_gone" : "remove_accepted")), ended ? h("p", {}, t("ended_what", { number: v.epoch })) : null], agree: t("remove"), cancel: t("cancel"), danger: true });
     return sure && act(row, { do: "remove", ...about }, () => (done("gone"), t("removed_done", { name })));
   }
   if (what === "sigma") {

@@ -1,9 +1,9 @@
 // Lists of observations that are suspect, wait or are rejected, of the present epoch or of another.
 import { fill, h } from "./dom.js";
-import { kindName, t } from "./language.js";
+import { isNumber, kindName, t } from "./language.js";
 import { arrivalOf, hasEnded, here, watch } from "./live.js";
 import { observationItem } from "./observation.js";
-import { part } from "./parts.js";
+import { link, part } from "./parts.js";
 
 const MOST_LISTED = 200;
 export const VERDICTS = { suspects: "suspect", waiting: "waiting", rejected: "rejected" };
@@ -14,7 +14,8 @@ export function observationList(path, signal, { epoch } = {}) {
   const own = epoch === undefined ? path : `${path}?epoch=${encodeURIComponent(epoch)}`;
   const box = part(null), search = h("input", { type: "search", placeholder: t("table_search"), "aria-label": `${t("table_search")}: ${t(`tab_${path}`)}` });
   const bar = h("div", { class: "row" }, search);
-  let rows = [];
+  const heading = h("p", { class: "note" });
+  let rows = [], number;
   const ul = h("ol", { class: "verdicts", "aria-label": t(`tab_${path}`) }), told = h("p", { class: "note", role: "status" });
   const known = new Map();
   const draw = () => {
@@ -33,14 +34,17 @@ export function observationList(path, signal, { epoch } = {}) {
       }
       if (ul.children[i] !== item.node) ul.insertBefore(item.node, ul.children[i] ?? null);
     });
-    told.textContent = some.length > shown.length ? t("listed", { shown: shown.length, n: some.length }) : some.length ? "" : t(`no_${path}`);
+    told.textContent = some.length > shown.length ? t("listed", { shown: shown.length, n: some.length }) : some.length ? "" : t(`no_${path}`, { number });
   };
   search.addEventListener("input", draw);
   watch(here(own), (resource) => box.show(resource, (found) => {
     rows = found.rows ?? found[path] ?? found;
+    number = found.epoch;
+    // Of the present epoch it is said that it is not the one before, which has a list of its own.
+    if (epoch === undefined && isNumber(number)) fill(heading, t("epoch_n", { number }), number > 1 ? [" · ", h("a", { href: link("epochs", number - 1) }, t("left_out_before", { number: number - 1 }))] : null);
     // A few are seen at a glance.
     bar.hidden = epoch !== undefined && rows.length < 6;
-    if (!ul.isConnected) fill(box.body, told, ul);
+    if (!ul.isConnected) fill(box.body, heading, told, ul);
     draw();
   }), { events: epoch === undefined ? ["arrival"] : hasEnded(Number(epoch)) ? ["epoch"] : ["arrival", "epoch"], signal });
   return [bar, box.node];

@@ -3,17 +3,19 @@ import { request } from "./api.js";
 import { ask, button, figures, fill, h } from "./dom.js";
 import { fixed, isNumber, language, moment, t, word } from "./language.js";
 import { context, here, on, peek, watch } from "./live.js";
-import { act, link, may, part, pill, problemOf } from "./parts.js";
+import { act, link, may, part, pill, pointLinks, problemOf } from "./parts.js";
 import { alarmSentence, alarmUntil, alarmsOf, countsOf, instrumentsOf, light, sigma0Of } from "./state.js";
 import { symbol } from "./symbols.js";
 
 const MOST_PROBLEMS = 5;
+const MOST_ENDED = 20;
+const MOST_HOURS = 744; // of silence that the service takes
 
 export function overview(root, _, signal) {
   const lamp = h("section", { class: "light unknown", "aria-label": t("light") });
   const numbers = part(t("figures")), alarms = part(t("alarms"), { id: "alarms" }), health = part(t("instruments"));
-  const problems = h("section", { id: "problems" });
-  root.append(lamp, h("div", { class: "two" }, h("div", {}, numbers.node), h("div", {}, alarms.node, problems, health.node)));
+  const problems = h("section", { id: "problems" }), ended = h("details", { id: "ended-alarms", hidden: true });
+  root.append(lamp, h("div", { class: "two" }, h("div", {}, numbers.node), h("div", {}, alarms.node, ended, problems, health.node)));
 
   const shine = () => {
     const { state, reasons } = light();
@@ -55,6 +57,12 @@ export function overview(root, _, signal) {
   const draw = (where, what) => (resource) => { where.show(resource, what); shine(); };
   watch(here(""), draw(numbers, drawNumbers), { events: ["arrival", "epoch"], least: 1000, signal });
   watch("alarms?state=standing", draw(alarms, (found) => drawAlarms(alarms.body, found)), { events: ["alarm"], every: 30000, signal });
+  // What has ended by itself may still be news to somebody.
+  watch(`alarms?state=all&network=${encodeURIComponent(context.network)}`, ({ data }) => {
+    const unseen = (data ?? []).filter((a) => a.state === "closed" && !isNumber(a.acknowledged));
+    ended.hidden = !unseen.length;
+    if (unseen.length) fill(ended, h("summary", {}, t("alarms_ended", { n: unseen.length })), h("ul", { class: "verdicts" }, unseen.slice(0, MOST_ENDED).map(alarmItem)));
+  }, { events: ["alarm"], least: 2000, signal });
   watch("instruments", draw(health, (found) => {
     const own = instrumentsOf(found);
     fill(health.body, own.length
@@ -80,8 +88,8 @@ export function alarmItem(a) {
     row.append(button(t("silence"), async () => {
       const given = await ask({
         title: t("silence_title", { rule: a.rule }), agree: t("silence"), cancel: t("cancel"),
-        content: h("label", { class: "field" }, t("silence_hours"), h("input", { name: "hours", type: "number", min: 0.1, step: "any", value: "8", required: true, inputmode: "decimal" })),
-        check: (form) => (Number(form.hours.value) > 0 ? null : t("silence_wrong")),
+        content: h("label", { class: "field" }, t("silence_hours", { most: MOST_HOURS }), h("input", { name: "hours", type: "number", min: 0.1, max: MOST_HOURS, step: "any", value: "8", required: true, inputmode: "decimal" })),
+        check: (form) => (Number(form.hours.value) > 0 && Number(form.hours.value) <= MOST_HOURS ? null : t("silence_wrong", { most: MOST_HOURS })),
       });
       if (given) post("silence", { hours: Number(given.get("hours")) }, () => t("silenced_done", { rule: a.rule, hours: given.get("hours") }));
     }, { "data-key": `silence-${a.id}` }));
@@ -95,6 +103,7 @@ export function alarmItem(a) {
     a.text && language() === "en" ? h("div", { class: "why" }, a.text) : null,
     a.revised ? h("div", { class: "note", lang: "en" }, a.revised) : null,
     h("div", { class: "why" }, [
+      a.points?.length && [t("points"), ": ", pointLinks(a.points)],
       isNumber(a.epoch) && [t("epoch"), " ", h("a", { href: link("epochs", a.epoch) }, a.epoch)],
       a.until && alarmUntil(a),
       isNumber(a.acknowledged) && [word("state", "acknowledged"), " ", moment(a.acknowledged)],

@@ -15,6 +15,9 @@ export const pointLinks = (names, most = 12) => [
   names.length > most && ` ${t("and_more", { n: names.length - most })}`,
 ];
 
+// Where an alarm is looked at: its first point, otherwise its epoch.
+export const alarmPlace = (a) => (a.points?.length ? link("points", a.points[0]) : isNumber(a.epoch) ? link("epochs", a.epoch) : link("overview"));
+
 // Why something failed, as nodes: in the language of the page what the status says, and the words
 // of the service. Without an answer there are only those of the browser, which say no more.
 const SAID = [0, 403, 413, 429, 503];
