@@ -92,6 +92,11 @@ class Report:
         return self.solution.network
 
     @property
+    def subject(self) -> str:
+        """What was adjusted: the subject of the run, or the name of the network; may be empty."""
+        return self.provenance.run.subject or self.network.name
+
+    @property
     def units(self) -> Units:
         """Units of coordinates, angles and their standard deviations."""
         return self.options.units

@@ -80,6 +80,23 @@ class Run:
     """Date and time; the library looks at no clock, so that the same call gives the same text."""
     options: str = ""
     """Options of the run, in words or as they were typed."""
+    subject: str = ""
+    """What was adjusted, such as an epoch of a site; it stands in the heading for the network."""
+
+
+@dataclass(frozen=True)
+class LeftOutReading:
+    """A reading that is not in an adjustment: rejected by a test or a person, or waiting."""
+
+    label: str
+    """Readable name with its id."""
+    state: str
+    """``rejected``, ``suspect`` or ``waiting``."""
+    why: str
+    """Why it is out, in words."""
+
+    def __str__(self) -> str:
+        return f"left out ({self.state}): {self.label}" + f": {self.why}" * bool(self.why)
 
 
 @dataclass(frozen=True)
@@ -94,6 +111,8 @@ class Provenance:
     """Variance components that determined the weights of the solution."""
     run: Run = field(default_factory=Run)
     """File, date and options of the run."""
+    left_out: Sequence[LeftOutReading] = ()
+    """Readings that an incremental adjustment has left out."""
 
     def with_snooping(self, found: Snooping) -> Provenance:
         """Return the provenance of the solution of data snooping."""

@@ -82,7 +82,13 @@ def results_record(report: Report) -> dict[str, Any]:
         "doubts": list(report.doubts),
         **(
             {"notes": notes}
-            if (notes := [*notes_of_solution(s), *notes_of_network(network)])
+            if (
+                notes := [
+                    *notes_of_solution(s),
+                    *notes_of_network(network),
+                    *map(str, report.provenance.left_out),
+                ]
+            )
             else {}
         ),
         **(

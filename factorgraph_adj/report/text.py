@@ -30,6 +30,7 @@ from .geodetic_coordinates import (
     reference_system_line,
 )
 from .layout import LINE_WIDTH, paragraph, short, table, title
+from .left_out_readings import left_out_section
 from .misfit_causes import (
     all_doubts,
     causes_section,
@@ -119,6 +120,7 @@ def render_text(report: Report) -> str:
             _result,
             causes_section,
             snooping_section,
+            left_out_section,
             variance_components_section,
             reliability_section,
             given_values_section,
@@ -150,7 +152,7 @@ def _overview(report: Report) -> list[str]:
     }
     parts = ", ".join(f"{n} {what}" for what, n in counts.items() if n)
     out = [
-        f"Adjustment of {network.name or 'a network without a name'}",
+        f"Adjustment of {report.subject or 'a network without a name'}",
         "=" * LINE_WIDTH,
         *doubt_lines(report),
         *note_lines(report),

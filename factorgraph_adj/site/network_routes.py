@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-import tempfile
 import zipfile
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from io import BytesIO
-from pathlib import Path
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Body, Query, Response
@@ -19,6 +17,7 @@ from ..io.project_writer import network_files
 from ..report.layout import finite_json
 from .decisions import epoch_decisions
 from .dependencies import Network, Poster, Reader, TheSite
+from .epoch_downloads import epoch_file
 from .live_network import LiveNetwork, Overloaded
 from .observation_list import ObservationList, observation_list
 from .postings import COMMANDS_THAT_CHANGE
@@ -246,36 +245,6 @@ def covariance(network: Network, caller: Reader, points: Names) -> Answer:
 # -- downloads -------------------------------------------------------------------------------------
 
 
-def _written(network: LiveNetwork, name: str, number: int | None) -> bytes:
-    """Return a file that the exports of the package write.
-
-    Where no epoch is asked for and the present one determines nothing yet, it is that of the last
-    epoch that did.
-    """
-    from ..export.formats import write
-    from ..report.html.page import write_report
-    from ..report.options import ReportOptions
-
-    if number is None and not network.has_solution:
-        every = [row["number"] for row in reversed(network.epochs())]
-        number = next((n for n in every if _has_result(network, n)), None)
-    with network.reading(number) as epoch:
-        solution = epoch.stream.adjustment.solution()
-        units = epoch.stream.context.units
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / name
-        if name.endswith(".html"):
-            write_report(solution, path, options=ReportOptions(units))
-        else:
-            write(solution, path)
-        return path.read_bytes()
-
-
-def _has_result(network: LiveNetwork, number: int) -> bool:
-    (row,) = network.epochs(results=True, number=number)
-    return row["state"] != "dropped" and bool((row["result"] or {}).get("points"))
-
-
 def _download(kind: type[Response], data: bytes, name: str) -> Response:
     headers = {"Content-Disposition": f'attachment; filename="{name}"'}
     return kind(data, headers=headers)
@@ -306,9 +275,9 @@ class ZipFile(Response):
 
 
 @network_router.get("/report.html", response_class=HtmlFile)
-def report(network: Network, caller: Reader, epoch: int | None = None) -> Response:
+def report(network: Network, site: TheSite, caller: Reader, epoch: int | None = None) -> Response:
     """Return the report of an epoch as one HTML file."""
-    data = _written(network, "report.html", epoch)
+    data = epoch_file(network, site, "report.html", epoch)
     return _download(HtmlFile, data, f"{network.settings.name}.html")
 
 
@@ -317,16 +286,18 @@ def report(network: Network, caller: Reader, epoch: int | None = None) -> Respon
     response_class=JsonFile,
     responses={200: {"content": {"application/json": {"schema": {"type": "object"}}}}},
 )
-def results(network: Network, caller: Reader, epoch: int | None = None) -> Response:
+def results(network: Network, site: TheSite, caller: Reader, epoch: int | None = None) -> Response:
     """Return the results of an epoch as JSON."""
-    data = _written(network, "results.json", epoch)
+    data = epoch_file(network, site, "results.json", epoch)
     return _download(JsonFile, data, f"{network.settings.name}.json")
 
 
 @network_router.get("/network.gpkg", response_class=GeoPackageFile)
-def geopackage(network: Network, caller: Reader, epoch: int | None = None) -> Response:
+def geopackage(
+    network: Network, site: TheSite, caller: Reader, epoch: int | None = None
+) -> Response:
     """Return an epoch as a GeoPackage."""
-    data = _written(network, "network.gpkg", epoch)
+    data = epoch_file(network, site, "network.gpkg", epoch)
     return _download(GeoPackageFile, data, f"{network.settings.name}.gpkg")
 
 

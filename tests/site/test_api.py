@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import jsonschema
 import pytest
 from scipy.stats import chi2
 
+import factorgraph_adj as fga
 from factorgraph_adj.site.access import Access, TooFast
 from factorgraph_adj.site.database import Database
 from tests.networks.yard import ARRIVALS, WRONG
@@ -90,6 +92,25 @@ def test_downloads_are_whole_files(yard, name):
     answer = yard.get(f"{ADDRESS}/{name}")
     assert answer.status_code == 200 and len(answer.content) > 500
     assert "attachment" in answer.headers["content-disposition"]
+
+
+def test_a_report_says_of_what_it_is_and_what_is_left_out(yard):
+    wrong = [WRONG, {**WRONG, "id": "s4", "value": 70.4}]
+    answers = yard.post(f"{ADDRESS}/postings", json=wrong).json()
+    assert [a["verdict"] for a in answers] == ["rejected"] * 2
+    subject = "Yard, network yard, epoch 1 (20"
+    page = yard.get(f"{ADDRESS}/report.html").text
+    assert f"<title>Adjustment of {subject}" in page
+    assert "no indication of gross errors" not in page
+    assert "2 readings are not in this adjustment." in page
+    results = yard.get(f"{ADDRESS}/results.json").json()
+    assert results["run"]["subject"].startswith(subject)
+    jsonschema.validate(results, fga.results_schema())
+    told = [n for n in results["notes"] if n.startswith("left out (rejected): ")]
+    assert len(told) == 2
+    assert all(f"{n} mm, σ " in t for n, t in zip(("-187", "313"), told, strict=True)), told
+    listed = page.split("Readings that are left out")[1]
+    assert "B C (id s3)" in listed and "B C (id s4)" in listed
 
 
 @pytest.mark.parametrize(

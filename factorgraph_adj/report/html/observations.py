@@ -14,6 +14,7 @@ from ..adjustment_report import Report
 from ..catalogue import Texts
 from ..data_snooping import findings, rejected_points_table, rejected_table, unresolved_table
 from ..layout import listed, short
+from ..left_out_readings import left_out_table
 from ..misfit_causes import (
     MAX_IDS_OF_CAUSE,
     causes_table,
@@ -177,6 +178,11 @@ def rejected_points_sheet(report: Report, t: Texts) -> Sheet | None:
     return (
         None if found is None else as_html(rejected_points_table(report, found.rejected_points), t)
     )
+
+
+def left_out_sheet(report: Report, t: Texts) -> Sheet | None:
+    """Return the readings that an incremental adjustment has left out."""
+    return as_html(left_out_table(report), t)
 
 
 def unresolved_observations_sheet(report: Report, t: Texts) -> Sheet | None:

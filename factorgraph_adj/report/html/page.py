@@ -173,6 +173,7 @@ def contents(report: Report, t: Texts, files: Sequence[str | Path]) -> dict[str,
             t,
             observations.rejected_observations_sheet,
             observations.rejected_points_sheet,
+            observations.left_out_sheet,
             observations.unresolved_observations_sheet,
             observations.given_values_sheet,
             report=report,
@@ -213,7 +214,7 @@ def contents(report: Report, t: Texts, files: Sequence[str | Path]) -> dict[str,
     if means:
         data["mean-photos"] = packed_json(means)
     return {
-        "title": t("title", name=report.network.name or t("unnamed")),
+        "title": t("title", name=report.subject or t("unnamed")),
         "date": report.provenance.run.date,
         "verdict": adjustment_verdict(report, t),
         "symbols": SYMBOLS_OF_PAGE,

@@ -80,6 +80,7 @@ def adjustment_verdict(report: Report, t: Texts) -> Verdict:
         _global(report, t),
         _tests(report, t),
         *_snooping(report, t),
+        *_left_out(report, t),
         *_cause(report, t),
         _controlled(report, t),
         *_of_network(report, t),
@@ -191,6 +192,12 @@ def _snooping(report: Report, t: Texts) -> list[Light]:
             Light("amber", title, t.number("light_aside_some", n), found.reason, "table-rejected")
         ]
     return [Light("green", title, t("light_aside_none"))]
+
+
+def _left_out(report: Report, t: Texts) -> list[Light]:
+    n = len(report.provenance.left_out)
+    text = t.number("light_left_out_text", n)
+    return [Light("amber", t("light_left_out"), text, link="table-left_out")] if n else []
 
 
 def _cause(report: Report, t: Texts) -> list[Light]:
