@@ -84,7 +84,7 @@ def adjustment_verdict(report: Report, t: Texts) -> Verdict:
         *_cause(report, t),
         _controlled(report, t),
         *_of_network(report, t),
-        *_unknowns_left_out(report, t),
+        *_unknowns_left_out(unknowns_left_out(report.network), t),
         *_listed(report, t),
         *_parameters(report, t),
         *_check(report, t),
@@ -188,9 +188,8 @@ def _snooping(report: Report, t: Texts) -> list[Light]:
         text = t.number("light_unresolved", left) + " " + t.number("light_aside_some", n)
         return [Light("red", title, text, found.reason, "table-unresolved")]
     if n:
-        return [
-            Light("amber", title, t.number("light_aside_some", n), found.reason, "table-rejected")
-        ]
+        text = t.number("light_aside_some", n)
+        return [Light("amber", title, text, found.reason, "table-rejected")]
     return [Light("green", title, t("light_aside_none"))]
 
 
@@ -271,11 +270,9 @@ def _listed(report: Report, t: Texts) -> list[Light]:
     return [Light("none", t("light_listed"), text)]
 
 
-def _unknowns_left_out(report: Report, t: Texts) -> list[Light]:
-    return [
-        Light("amber", t("light_unknowns_left_out"), t("light_unknowns_left_out_text"), said)
-        for said in unknowns_left_out(report.network)
-    ]
+def _unknowns_left_out(sentences: Sequence[str], t: Texts) -> list[Light]:
+    title, text = t("light_unknowns_left_out"), t("light_unknowns_left_out_text")
+    return [Light("amber", title, text, said) for said in sentences]
 
 
 def _parameters(report: Report, t: Texts) -> list[Light]:
@@ -332,7 +329,7 @@ def epochs_verdict(report: EpochsReport, t: Texts) -> Verdict:
     """Return the verdict; it is red if the text report calls the displacements doubtful."""
     lights = [
         _tested(report, t),
-        *_epochs_unknowns_left_out(report, t),
+        *_unknowns_left_out(report.unknowns_left_out, t),
         _epochs_ended(report, t),
         *_epochs_global_tests(report, t),
         _ratio(report, t),
@@ -371,13 +368,6 @@ def _tested(report: EpochsReport, t: Texts) -> Light:
         for group, names in groups.items()
     ]
     return Light("none", t("light_tested"), " ".join(p for p in parts if p))
-
-
-def _epochs_unknowns_left_out(report: EpochsReport, t: Texts) -> list[Light]:
-    return [
-        Light("amber", t("light_unknowns_left_out"), t("light_unknowns_left_out_text"), said)
-        for said in report.unknowns_left_out
-    ]
 
 
 def _epochs_ended(report: EpochsReport, t: Texts) -> Light:
