@@ -201,6 +201,9 @@ class TestedEpoch:
     """Whether value and size are beyond theirs."""
     calm: bool
     """Whether the value is below the release value."""
+    components: tuple[tuple[str, float], ...] = ()
+    """Axes that are compared, with the components of the size, mm or mm/day; nothing for
+    congruence."""
 
 
 @dataclass(frozen=True)
@@ -222,7 +225,12 @@ class AlarmEvent:
 
 
 def outcome_of(
-    rule: AlarmRule, value: float, critical: float, size_mm: float, detectable_mm: float
+    rule: AlarmRule,
+    value: float,
+    critical: float,
+    size_mm: float,
+    detectable_mm: float,
+    components: Iterable[tuple[str, float]] = (),
 ) -> TestedEpoch:
     """Return what a test found; the release value is that of the life of the rule."""
     # T is a square, |S| of a cusum is not.
@@ -236,6 +244,7 @@ def outcome_of(
         detectable_mm,
         value > critical and size_mm >= rule.size_mm,
         value <= release * critical,
+        tuple((axis, float(x)) for axis, x in components),
     )
 
 
@@ -269,10 +278,13 @@ def sentence_of(
     times = f"{sum(state.exceeded)} of the last {len(state.exceeded)} epochs"
     of_n = f"; beyond it in {times}" if life.n > 1 and change == "raised" else ""
     rate = f"{rule.false_alarms_per_month:g} false alarms per month"
+    digits = 3 if rule.test == "velocity" else 2
+    parts = ", ".join(f"d{axis} {x:+.{digits}f}" for axis, x in found.components)
+    of_axes = f" ({parts})" if parts else ""
     what = {
-        "displacement": f"{point} lies {found.size_mm:.2f} mm from its place of reference",
-        "velocity": f"{point} moves by {found.size_mm:.3f} mm a day",
-        "cusum": f"{point} drifts from its mean place, now by {found.size_mm:.2f} mm",
+        "displacement": f"{point} lies {found.size_mm:.2f} mm{of_axes} from its place of reference",
+        "velocity": f"{point} moves by {found.size_mm:.3f} mm a day{of_axes}",
+        "cusum": f"{point} drifts from its mean place, now by {found.size_mm:.2f} mm{of_axes}",
         "congruence": "the reference points changed their shape",
     }[rule.test]
     if rule.test == "cusum":

@@ -351,25 +351,30 @@ class Monitor:
         """Return what a rule finds for a point."""
         assert self._levels is not None
         levels, h = self._levels, len(axes)
+        names = ["xyz"[a] for a in axes]
         if rule.test == "displacement":
             value = x.test.value * x.test.freedom[0]
             sigma = float(np.sqrt(np.linalg.eigvalsh(x.covariance)[-1]))
             detectable = 1e3 * levels.detectable(rule, x.name, h) * sigma
-            return outcome_of(rule, value, levels.critical(rule, h), 1e3 * x.length, detectable)
+            parts = zip(names, 1e3 * x.vector[axes], strict=True)
+            critical = levels.critical(rule, h)
+            return outcome_of(rule, value, critical, 1e3 * x.length, detectable, parts)
         if rule.test == "velocity":
             sigma = float(np.sqrt(np.linalg.eigvalsh(state.steady_velocity_covariance)[-1]))
             per_day = 1e3 * DAY_S
             size = per_day * float(np.linalg.norm(state.velocity))
             detectable = per_day * sigma * levels.detectable(rule, x.name, h)
-            return outcome_of(
-                rule, state.velocity_test(), levels.critical(rule, h), size, detectable
-            )
+            parts = zip(names, per_day * state.velocity, strict=True)
+            critical = levels.critical(rule, h)
+            return outcome_of(rule, state.velocity_test(), critical, size, detectable, parts)
         q = innovation.covariance[np.ix_(axes, axes)]
         u = np.linalg.solve(np.linalg.cholesky(q), innovation.vector[axes])
         before = self._sums.get((rule.name, x.name), np.zeros(h))
         s = self._sums[rule.name, x.name] = next_sum(before, u, rule.allowance)
         size = 1e3 * innovation.length
-        return outcome_of(rule, float(np.linalg.norm(s)), levels.critical(rule, h), size, np.nan)
+        parts = zip(names, 1e3 * innovation.vector[axes], strict=True)
+        critical = levels.critical(rule, h)
+        return outcome_of(rule, float(np.linalg.norm(s)), critical, size, np.nan, parts)
 
     def _shape_tests(self, found: EpochComparison) -> tuple[TestedEpoch, ...]:
         assert self._levels is not None

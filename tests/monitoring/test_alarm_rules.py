@@ -75,6 +75,9 @@ def test_sentences():
         "crest: D1 lies 4.57 mm from its place of reference (T 31.2, critical 12.0; beyond it in "
         "2 of the last 3 epochs; stated: 0.1 false alarms per month)"
     )
+    parts = zip("xyz", (0.123, -4.5, -0.0451), strict=True)
+    told = sentence_of(RULE, "D1", "raised", outcome_of(RULE, 31.25, 12.0, 4.5, 3.0, parts), state)
+    assert "D1 lies 4.50 mm (dx +0.12, dy -4.50, dz -0.05) from its place of reference" in told
     assert "still D1 lies" in sentence_of(RULE, "D1", "continues", found, state)
     assert "cleared after 3 epochs" in sentence_of(RULE, "D1", "cleared", found, state)
     shape = AlarmRule("shape", "congruence")
