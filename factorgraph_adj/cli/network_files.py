@@ -77,9 +77,12 @@ def _check_site(options: argparse.Namespace) -> int:
     """Print the doubts of a site file and of its projects; return an exit code."""
     from .site_service import checked_site
 
-    projects, warnings = checked_site(options.project, allow_outside=options.allow_outside)
+    outside = options.allow_outside
+    projects, warnings, problems = checked_site(options.project, allow_outside=outside)
     for line in problem_lines(warnings, every=options.all):
         print(line)
+    if problems:
+        raise InputError(problems)
     codes = [EXIT_DOUBTFUL if warnings else EXIT_FINE]
     for project in projects:
         network = project.network

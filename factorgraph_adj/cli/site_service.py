@@ -95,26 +95,39 @@ def _serve(options: argparse.Namespace) -> int:
     return EXIT_FINE
 
 
-def checked_site(path: str, *, allow_outside: bool) -> tuple[list[Project], list[Problem]]:
-    """Return the projects of a site, and names and patterns of its file that match nothing.
+def checked_site(
+    path: str, *, allow_outside: bool
+) -> tuple[list[Project], list[Problem], list[Problem]]:
+    """Return the projects of a site, names and patterns that match nothing, and what is wrong.
+
+    Where the site file has problems, names and patterns are those of the projects that can be read.
 
     Args:
         path: a site file, or a folder that has one.
         allow_outside: whether projects may name files elsewhere.
 
     Raises:
-        InputError: problems of the site file or of a project.
+        InputError: the site file is no TOML.
     """
-    from ..site.site_file import read_site
+    from ..io.text_files import read_toml
+    from ..site.site_file import site_and_problems
     from ..site.unknown_points import unknown_points
 
-    settings = read_site(path)
-    projects = {
-        n.name: READERS.load(str(n.project), allow_outside=allow_outside, options={})
-        for n in settings.networks
-    }
+    settings, problems = site_and_problems(path)
+    projects: dict[str, Project] = {}
+    of_projects: list[Problem] = []
+    for network in settings.networks:
+        try:
+            projects[network.name] = READERS.load(
+                str(network.project), allow_outside=allow_outside, options={}
+            )
+        except InputError as error:
+            of_projects += error.noted
     points = {name: list(project.network.points) for name, project in projects.items()}
-    return list(projects.values()), unknown_points(settings, points)
+    _, places = read_toml(settings.path)
+    unknown = places.in_order(unknown_points(settings, points))
+    # A project that the file does not name rightly is not what is meant.
+    return list(projects.values()), unknown, problems or of_projects
 
 
 def _socket(host: str, port: int) -> socket.socket:

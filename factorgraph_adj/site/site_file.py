@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, TypeVar, cast, get_args
@@ -104,13 +105,31 @@ def read_site(path: str | Path) -> SiteSettings:
     Raises:
         InputError: all problems of the file.
     """
+    settings, problems = site_and_problems(path)
+    if problems:
+        raise InputError(problems)
+    return settings
+
+
+def site_and_problems(path: str | Path) -> tuple[SiteSettings, list[Problem]]:
+    """Return the settings of a site as far as they can be read, and all problems of its file.
+
+    Tables of instruments and alarms that have problems are not in the settings; networks are, with
+    the fields that are right.
+
+    Args:
+        path: as for `read_site`.
+
+    Raises:
+        InputError: there is no such file, or it is no TOML.
+    """
     path = Path(path)
     if path.is_dir() and (path / SITE_FILE).exists():
         path = path / SITE_FILE
     if not path.exists():
         raise InputError(Problem("no such file or folder", str(path)))
     if path.is_dir() or path.suffix != ".toml" or not _is_site(path):
-        return _site_of_project(path)
+        return _site_of_project(path), []
     document, places = read_toml(path)
     problems: list[Problem] = []
     top = FieldRow(document, path.name, problems)
@@ -137,16 +156,24 @@ def read_site(path: str | Path) -> SiteSettings:
             problems.extend(error.noted)
             return default
 
+    def read_all(key: str, reader: Callable[[object], Sequence[Found]]) -> list[Found]:
+        """Return what a list of tables states; of a list with problems, the tables without."""
+        try:
+            return [*reader(document.get(key))]
+        except InputError as error:
+            problems.extend(error.noted)
+        good: list[Found] = []
+        for table in _tables(document, key):
+            with suppress(InputError):
+                good += reader([table])
+        return good
+
     where, folder = path.name, path.parent
-    no_instruments: list[InstrumentSettings] = []
-    no_alarms: list[SiteAlarm] = []
-    instruments = read(
-        "instrument",
-        lambda t: read_instruments(t, where=where, folder=folder, networks=names),
-        no_instruments,
+    instruments = read_all(
+        "instrument", lambda t: read_instruments(t, where=where, folder=folder, networks=names)
     )
     watched = [str(t["name"]) for t in _tables(document, "instrument") if "name" in t]
-    alarms = read(
+    alarms = read_all(
         "alarm",
         lambda t: read_alarms(
             t,
@@ -156,18 +183,16 @@ def read_site(path: str | Path) -> SiteSettings:
             folder=folder,
             mail="smtp" in document,
         ),
-        no_alarms,
     )
     server = read("smtp", lambda t: read_mail_server(t, where), None)
     retention = read("retention", lambda t: read_retention(t, where), RetentionSettings())
-    if problems:
-        raise InputError(places.in_order(problems))
     if "://" not in database:
         database = str(folder / database)
-    return SiteSettings(
+    settings = SiteSettings(
         *(name, path, database, tuple(networks)),
         *(tuple(instruments), tuple(alarms), server, retention),
     )
+    return settings, places.in_order(problems)
 
 
 def _is_site(path: Path) -> bool:

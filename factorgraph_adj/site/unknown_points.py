@@ -17,20 +17,20 @@ def unknown_points(settings: SiteSettings, points: Mapping[str, Collection[str]]
 
     Args:
         settings: what the site file says.
-        points: names of the points of each network.
+        points: names of the points of each network; what is of others is passed over.
     """
     out: list[Problem] = []
     file = settings.path.name
-    for network in settings.networks:
+    for network in (n for n in settings.networks if n.name in points):
         there = points[network.name]
         where = f"{file}: network {network.name!r}: objects"
         out += _unmatched(network.objects, there, where)
     of_network = {n.name: n for n in settings.networks}
-    for alarm in settings.alarms:
+    for alarm in (a for a in settings.alarms if a.network in points):
         where, rule = f"{file}: alarm {alarm.rule.name!r}: points", alarm.rule
         if isinstance(rule, AlarmRule) and rule.test != "congruence":
             out += _of_rule(rule, of_network[alarm.network], points[alarm.network], where)
-    for instrument in settings.instruments:
+    for instrument in (i for i in settings.instruments if i.network in points):
         where, there = f"{file}: instrument {instrument.name!r}", points[instrument.network]
         stated: dict[str, Iterable[str]] = {
             "station": [n for n in (instrument.station,) if n is not None],

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from factorgraph_adj.cli.command_line import main
+from factorgraph_adj.errors import InputError
 from factorgraph_adj.site.site_file import read_site
 from factorgraph_adj.site.unknown_points import unknown_points
 from tests.support.sites import ADDRESS, served, yard_site
@@ -59,9 +60,24 @@ def test_check_takes_a_site(tmp_path, capsys, right):
     code = main(["check", str(folder)])
     said = capsys.readouterr().out
     assert "yard" in said
-    assert all((text in said) != right for text in TOLD[:2])
+    lines = (folder / "site.toml").read_text().split("\n")
+    for text, key in zip(TOLD[:2], ("targets", 'points = ["C", "W'), strict=True):
+        line = next((n for n, x in enumerate(lines, 1) if x.startswith(key)), 0)
+        assert (text.replace("toml:", f"toml:{line}:") in said) != right, (text, said)
     if not right:
         assert code == 1
+
+
+def test_check_tells_patterns_and_mistakes_at_once(tmp_path, capsys):
+    """Also those of tables beside one that has a mistake."""
+    wrong = MORE.replace('name = "pillars"', 'name = "pillars"\ntest = "motoin"')
+    folder = yard_site(tmp_path, more=wrong + "[retention]\njournal = 3\n")
+    assert main(["check", str(folder)]) == 2
+    printed = capsys.readouterr()
+    assert "motoin" in printed.err and "journal" in printed.err
+    assert "no point 'Q'" in printed.out and "no point 'W*'" in printed.out
+    with pytest.raises(InputError, match="motoin"):
+        read_site(folder)
 
 
 def test_check_tells_what_is_wrong_in_a_site_file(tmp_path, capsys):
