@@ -159,7 +159,7 @@ def test_readings_that_come_fast_share_requests_in_their_order(tmp_path, name):
     sent = [record["n"] for records in seen for record in records]
     assert sorted(sent) == list(range(60))
     assert all([n for n in sent if n % 2 == k] == list(range(k, 60, 2)) for k in (0, 1))
-    assert all(("time" in record) == outbox.on_disk for records in seen for record in records)
+    assert all(("kept" in record) == outbox.on_disk for records in seen for record in records)
     outbox.close()
 
 
