@@ -76,7 +76,7 @@ def visit(
         device_scale_factor=2 if phone else 1,
         accept_downloads=True,
     )
-    context.set_default_timeout(20_000)
+    context.set_default_timeout(60_000)
     page = context.new_page()
     found = Visitor(page, server)
     page.on("console", lambda m: found.said.append(m.text))
