@@ -390,14 +390,24 @@ def test_a_browser_that_cannot_unpack_says_so(browser, folder, tmp_path):
 
 
 @pytest.mark.slow("that a report of 26 321 points and 181 122 rows is small and soon ready")
-def test_the_report_of_roma_is_small_and_soon_ready(browser, tmp_path):
+def test_the_report_of_roma_is_small_and_soon_ready(browser, folder, tmp_path):
+    """Costs are compared with those of a report of three points: its libraries load in both."""
     solution = fga.adjust(ADJUSTED["Roma"]())
     file = tmp_path / "roma.html"
     write_report(solution, file)
     assert file.stat().st_size < 30e6
+    small, large = [], []
+    for _ in range(2):  # in turn, and the lesser of two, because other work disturbs one of them
+        with opened(browser, folder / "three.html") as found:
+            found.page.wait_for_selector("html[data-ready]", state="attached")
+            small.append(found.seconds())
+        with opened(browser, file) as found:
+            found.page.wait_for_selector("html[data-ready]", state="attached")
+            large.append(found.seconds())
+            # Rows are drawn as they come into view: each has more elements than there may be.
+            assert found.page.locator("*").count() < 26_321
+    assert min(large) < 4.0 * min(small)  # about 1.8 times
     with opened(browser, file) as found:
-        found.page.wait_for_selector("html[data-ready]", state="attached")
-        assert found.seconds() < 5.0  # CPU seconds, so that other work does not count
         found.page.get_by_label("Find point").fill("11806")
         found.page.keyboard.press("Enter")
         found.page.get_by_text("Point 11806 is marked.").wait_for()
@@ -406,7 +416,7 @@ def test_the_report_of_roma_is_small_and_soon_ready(browser, tmp_path):
         found.page.locator("#observations .filters input").nth(1).fill("/11806")
         status = found.page.locator("#observations [role=status]").text_content()
         assert "filtered from 181122" in status
-        assert found.seconds() - before < 5.0
+        assert found.seconds() - before < min(large)  # about a twelfth
         assert found.said == []
 
 
