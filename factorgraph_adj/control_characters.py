@@ -6,6 +6,7 @@ turn the direction of writing make a report or a table say what is not in it.
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterable, Iterator
 
@@ -39,6 +40,21 @@ def one_line(text: str) -> str:
 def has_control_characters(name: str) -> bool:
     """Return whether a name has characters that no name may have."""
     return not name.isprintable() and _CONTROL.search(name) is not None
+
+
+def has_half_characters(value: object) -> bool:
+    r"""Return whether data of JSON have halves of characters (lone surrogates) in their texts.
+
+    JSON can write them, UTF-8 cannot: neither an answer nor a file could hold such a text.
+
+    >>> has_half_characters(["P\ud800"]), has_half_characters({"P": "\U0001f5fb"})
+    (True, False)
+    """
+    try:
+        json.dumps(value, ensure_ascii=False).encode("utf-8")
+    except UnicodeEncodeError:
+        return True
+    return False
 
 
 def problems_of_names(names: Iterable[str], what: str) -> Iterator[Problem]:

@@ -13,6 +13,7 @@ import time as clock
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
+from ..control_characters import refuse_control_characters
 from ..errors import AdjustmentError, InputError, known
 from .database import Database
 
@@ -183,7 +184,8 @@ class Access:
             days: after how many days it expires; None: never.
 
         Raises:
-            InputError: the name is taken or empty, the role is unknown, or days are not positive.
+            InputError: the name is taken, empty or has control characters, the role is unknown, or
+                days are not positive.
         """
         from sqlalchemy import insert
         from sqlalchemy.exc import IntegrityError
@@ -195,6 +197,7 @@ class Access:
             raise InputError(f"unknown role {role!r}; valid: {known(roles, meant=role)}")
         if not 0 < len(name.strip()) <= MAX_LETTERS_OF_NAME:
             raise InputError(f"a token needs a name of at most {MAX_LETTERS_OF_NAME} characters")
+        refuse_control_characters([name.strip()], "token")
         if days is not None and not 0.0 < days < 1e5:
             raise InputError(f"{days:g} days: a token lasts a positive number of days")
         text, now = TOKEN_PREFIX + secrets.token_urlsafe(TOKEN_BYTES), clock.time()

@@ -199,12 +199,16 @@ class Database:
 
         Raises:
             DatabaseAway: the database cannot be read.
+            InputError: something is asked for that no column can hold.
         """
-        from sqlalchemy.exc import SQLAlchemyError
+        from sqlalchemy.exc import DataError, SQLAlchemyError
 
         try:
             with self.engine.connect() as connection:
                 yield connection
+        except DataError as error:
+            what = f"the database holds nothing of the kind: {reason_of(error)}"
+            raise InputError(what) from None
         except SQLAlchemyError as error:
             raise DatabaseAway(f"{self.where}: {reason_of(error)}") from None
 

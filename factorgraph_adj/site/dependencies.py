@@ -10,14 +10,21 @@ import asyncio
 from collections.abc import Awaitable, Callable
 from typing import Annotated
 
-from fastapi import Depends, Request
+from fastapi import Depends, Path, Query, Request
 from fastapi.routing import APIRoute
 
 from ..errors import InputError, Problem, known
 from .access import Access, Caller, Right
+from .epoch_schedule import MAX_EPOCH
 from .live_network import LiveNetwork
 from .site import Site
 
+RowNumber = Annotated[int, Path(ge=0, le=1 << 62)]
+"""Number in a path that the database has given: larger ones do not fit into its columns."""
+EpochInPath = Annotated[int, Path(ge=0, le=MAX_EPOCH)]
+"""Number of an epoch in a path."""
+EpochNumber = Annotated[int | None, Query(ge=0, le=MAX_EPOCH)]
+"""Number of an epoch that a query names; None: the present one."""
 COOKIE = "fga_session"
 """Cookie with the token of a browser."""
 

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Body, Query
 from ..errors import InputError
 from ..report.layout import finite_json
 from .decisions import epoch_decisions
-from .dependencies import Decider, Network, Reader, TheSite
+from .dependencies import Decider, EpochInPath, Network, Reader, TheSite
 from .live_epochs import no_epoch
 from .network_routes import answer_of, answered
 from .postings import OtherRequest
@@ -37,7 +37,7 @@ def epochs(network: Network, caller: Reader) -> list[Answer]:
 
 
 @epoch_router.get("/epochs/{number}")
-def epoch(network: Network, site: TheSite, caller: Reader, number: int) -> Answer:
+def epoch(network: Network, site: TheSite, caller: Reader, number: EpochInPath) -> Answer:
     """Return an epoch with its points, displacements, blocks, tests and decisions."""
     for row in network.epochs(results=True, number=number):
         result = row["result"] or {}

@@ -10,6 +10,8 @@ from ..errors import InputError
 
 SECONDS_OF = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 """Units of lengths of epochs, seconds."""
+MAX_EPOCH = 2**31 - 1
+"""Largest number of an epoch, as its column in the database."""
 GRACE_SHARE, MAX_GRACE = 0.1, 600.0
 """An epoch stays open for this share of its length, at most these seconds, after its end."""
 _LENGTH = re.compile(r"\s*([0-9]+(?:\.[0-9]+)?)\s*(s|min|h|d|sets?)\s*")

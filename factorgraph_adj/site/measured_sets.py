@@ -14,6 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from ..control_characters import has_control_characters
 from ..errors import InputError, Problem
 from ..instruments.instrument_settings import MAX_READINGS
 from ..instruments.message_rules import iso
@@ -51,10 +52,11 @@ class MeasuredSet:
             name, number = given["instrument"], given.get("round", 1)
             of = cls(name, begin, end, number)
             right = isinstance(name, str) and 0 < len(name) <= 100 and set(given) <= {*FIELDS}
+            right &= not has_control_characters(name)
             right &= (
                 type(number) is int and 0 < number <= MAX_READINGS and 0.0 <= begin <= end < 1e11
             )
-        except (TypeError, ValueError, KeyError, AttributeError):
+        except (TypeError, ValueError, OverflowError, KeyError, AttributeError):
             right = False
         if not right:
             what = (

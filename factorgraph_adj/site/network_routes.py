@@ -16,7 +16,7 @@ from ..errors import InputError, Problem
 from ..io.project_writer import network_files
 from ..report.layout import finite_json
 from .decisions import epoch_decisions
-from .dependencies import Network, Poster, Reader, TheSite
+from .dependencies import EpochNumber, Network, Poster, Reader, TheSite
 from .epoch_downloads import epoch_file
 from .live_network import LiveNetwork, Overloaded
 from .observation_list import ObservationList, observation_list
@@ -35,13 +35,7 @@ Posting = dict[str, Any]
 Names = Annotated[str, Query(max_length=20_000)]
 
 
-EpochNumber = int | None
-"""Number of an epoch that a query names; None: the present one."""
-
-
-def _seen(
-    network: LiveNetwork, what: Callable[[EpochView], Any], number: EpochNumber = None
-) -> Any:
+def _seen(network: LiveNetwork, what: Callable[[EpochView], Any], number: int | None = None) -> Any:
     with network.reading(number) as epoch:
         return finite_json(what(EpochView(epoch, network.settings.objects)))
 
@@ -156,7 +150,7 @@ def observations(
     return found
 
 
-def _others(network: LiveNetwork, site: Site, state: str, number: EpochNumber) -> Answer:
+def _others(network: LiveNetwork, site: Site, state: str, number: int | None) -> Answer:
     """Return what is left out of an epoch, with the last decision about each by name.
 
     Where the epoch is named, also with ``now``, tests against everything that it has in.
@@ -275,7 +269,7 @@ class ZipFile(Response):
 
 
 @network_router.get("/report.html", response_class=HtmlFile)
-def report(network: Network, site: TheSite, caller: Reader, epoch: int | None = None) -> Response:
+def report(network: Network, site: TheSite, caller: Reader, epoch: EpochNumber = None) -> Response:
     """Return the report of an epoch as one HTML file."""
     data = epoch_file(network, site, "report.html", epoch)
     return _download(HtmlFile, data, f"{network.settings.name}.html")
@@ -286,7 +280,7 @@ def report(network: Network, site: TheSite, caller: Reader, epoch: int | None = 
     response_class=JsonFile,
     responses={200: {"content": {"application/json": {"schema": {"type": "object"}}}}},
 )
-def results(network: Network, site: TheSite, caller: Reader, epoch: int | None = None) -> Response:
+def results(network: Network, site: TheSite, caller: Reader, epoch: EpochNumber = None) -> Response:
     """Return the results of an epoch as JSON."""
     data = epoch_file(network, site, "results.json", epoch)
     return _download(JsonFile, data, f"{network.settings.name}.json")
@@ -294,7 +288,7 @@ def results(network: Network, site: TheSite, caller: Reader, epoch: int | None =
 
 @network_router.get("/network.gpkg", response_class=GeoPackageFile)
 def geopackage(
-    network: Network, site: TheSite, caller: Reader, epoch: int | None = None
+    network: Network, site: TheSite, caller: Reader, epoch: EpochNumber = None
 ) -> Response:
     """Return an epoch as a GeoPackage."""
     data = epoch_file(network, site, "network.gpkg", epoch)
@@ -302,7 +296,7 @@ def geopackage(
 
 
 @network_router.get("/project.zip", response_class=ZipFile)
-def project(network: Network, caller: Reader, epoch: int | None = None) -> Response:
+def project(network: Network, caller: Reader, epoch: EpochNumber = None) -> Response:
     """Return what is in the graph of an epoch as a project."""
     with network.reading(epoch) as found:
         inc, units = found.stream.adjustment, found.stream.context.units

@@ -8,10 +8,12 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from ..control_characters import has_control_characters, has_half_characters, why_refused
 from ..errors import AdjustmentError, InputError, Problem, known
 from ..service.answers import Answer, refusal
 from ..service.requests import adds_observations_alone, shown_value
 from .database import Database
+from .epoch_schedule import MAX_EPOCH
 from .measured_sets import MeasuredSet
 from .posting_transactions import Task
 
@@ -73,10 +75,13 @@ class Posting:
         Raises:
             InputError: a bad time, request, epoch or set, or an unknown command.
         """
+        text = json.dumps(task.record, sort_keys=True)
+        if "\\u" in text and has_half_characters(task.record):
+            raise InputError("the posting has half a character (a lone surrogate)")
         record, do = dict(task.record), task.record.get("do", "add")
         time, request = posting_time(record, task.received, now), posting_request(record)
         epoch = None if do == "add" else named_epoch(record)
-        digest = hashlib.sha256(json.dumps(task.record, sort_keys=True).encode()).hexdigest()
+        digest = hashlib.sha256(text.encode()).hexdigest()
         commands = COMMANDS_THAT_CHANGE | QUERIES
         if not isinstance(do, str) or do not in commands:
             valid = known(sorted(commands), meant=do, most=len(commands))
@@ -181,7 +186,8 @@ def _time(record: dict[str, Any], name: str) -> float | None:
     if isinstance(given, bool) or not isinstance(given, int | float):
         raise InputError(Problem(f"{name} must be seconds since 1970 UTC, a number", name))
     if not 0.0 <= given < 1e11:
-        raise InputError(Problem(f"{name} {given:g} is no time in seconds since 1970", name))
+        what = f"{name} {shown_value(given)} is no time in seconds since 1970"
+        raise InputError(Problem(what, name))
     return float(given)
 
 
@@ -194,8 +200,9 @@ def named_epoch(record: dict[str, Any]) -> int | None:
     given = record.pop("epoch", None)
     if given is None:
         return None
-    if isinstance(given, bool) or not isinstance(given, int):
-        raise InputError(Problem("epoch must be the number of an epoch", "epoch"))
+    if isinstance(given, bool) or not isinstance(given, int) or not 0 <= given <= MAX_EPOCH:
+        what = f"epoch must be the number of an epoch, from 0 to {MAX_EPOCH}"
+        raise InputError(Problem(what, "epoch"))
     return given
 
 
@@ -203,7 +210,7 @@ def posting_request(record: dict[str, Any]) -> str:
     """Take the request of a posting out of its record; empty where it has none.
 
     Raises:
-        InputError: it is no text, or too long.
+        InputError: it is no text, too long, or has control characters.
     """
     given = record.pop("request", None)
     if given is None:
@@ -211,6 +218,8 @@ def posting_request(record: dict[str, Any]) -> str:
     if not isinstance(given, str) or not 0 < len(given) <= MAX_LETTERS_OF_REQUEST:
         what = f"request must be a text of 1 to {MAX_LETTERS_OF_REQUEST} characters"
         raise InputError(Problem(what, "request"))
+    if has_control_characters(given):
+        raise InputError(Problem(why_refused(given), "request"))
     return given
 
 

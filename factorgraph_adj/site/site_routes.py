@@ -13,7 +13,7 @@ from fastapi.responses import StreamingResponse
 from ..observations.registry import KINDS
 from ..report.catalogue import TEXTS_BY_LANGUAGE, Texts
 from .access import RIGHTS, Caller
-from .dependencies import COOKIE, Decider, Manager, Reader, TheSite
+from .dependencies import COOKIE, Decider, Manager, Reader, RowNumber, TheSite
 from .event_log import HEARTBEAT_SECONDS
 from .network_routes import summary_of
 from .site import Site
@@ -100,14 +100,14 @@ def alarms(
 
 
 @site_router.post("/alarms/{alarm}/acknowledge")
-def acknowledge(site: TheSite, caller: Decider, alarm: int) -> Answer:
+def acknowledge(site: TheSite, caller: Decider, alarm: RowNumber) -> Answer:
     """Note that the caller knows of an alarm."""
     return _changed_alarm(site, caller, "acknowledge", site.alarms.acknowledge(alarm, caller.name))
 
 
 @site_router.post("/alarms/{alarm}/silence")
 def silence(
-    site: TheSite, caller: Decider, alarm: int, hours: Annotated[float, Body(embed=True)]
+    site: TheSite, caller: Decider, alarm: RowNumber, hours: Annotated[float, Body(embed=True)]
 ) -> Answer:
     """Send no messages about an alarm for some hours."""
     found = site.alarms.silence(alarm, caller.name, hours)
@@ -171,7 +171,7 @@ def new_token(
 
 
 @site_router.delete("/tokens/{token}")
-def revoke_token(site: TheSite, caller: Manager, token: int) -> Answer:
+def revoke_token(site: TheSite, caller: Manager, token: RowNumber) -> Answer:
     """Revoke a token by its id."""
     site.access.refuse_last_admin(token)
     name = site.access.revoke(token)

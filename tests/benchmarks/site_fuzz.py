@@ -1,5 +1,7 @@
 """Requests and lines at random to a site: ``python -m tests.benchmarks.site_fuzz [--examples N]``.
 
+``--postgresql`` asks a site whose database is of a PostgreSQL server that it starts.
+
 Half of the examples are requests to all routes of the API by its OpenAPI document, of callers with
 all roles and without one, with what the document allows and what it does not; see
 `tests.support.api_fuzz`. The other half are lines, whole, damaged and hostile, that a served site
@@ -22,17 +24,19 @@ from tests.networks.yard import ARRIVALS
 from tests.support.api_fuzz import ApiFuzz
 from tests.support.damaged_lines import LINES
 from tests.support.line_fuzz import fuzz_lines
-from tests.support.sites import yard_of, yard_site
+from tests.support.sites import storing_in, yard_of, yard_site
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--examples", type=int, default=20_000)
     parser.add_argument("--flood", type=int, default=20_000_000, help="bytes of each flood")
+    parser.add_argument("--postgresql", action="store_true")
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
     begun = time.monotonic()
-    with tempfile.TemporaryDirectory() as folder:
+    store = "postgresql" if options.postgresql else "sqlite"
+    with storing_in(store), tempfile.TemporaryDirectory() as folder:
         site = Site(read_site(yard_site(Path(folder))))
         site.start()
         try:

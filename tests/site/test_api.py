@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from json import dumps
+
 import jsonschema
 import pytest
 from scipy.stats import chi2
@@ -295,3 +297,66 @@ def test_answers_carry_a_policy_for_the_browser(client):
     headers = client.get("/api/v1/site").headers
     assert "default-src 'self'" in headers["content-security-policy"]
     assert headers["x-content-type-options"] == "nosniff"
+
+
+LARGE = 10**30
+"""Number that no column of a database holds."""
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "json"),
+    [
+        ("POST", f"/api/v1/alarms/{LARGE}/acknowledge", None),
+        ("POST", f"/api/v1/alarms/-{LARGE}/acknowledge", None),
+        ("POST", f"/api/v1/alarms/{LARGE}/silence", {"hours": 1}),
+        ("DELETE", f"/api/v1/tokens/{LARGE}", None),
+        ("GET", f"/api/v1/events?after={LARGE}", None),
+        ("GET", f"{ADDRESS}/epochs/{LARGE}", None),
+        ("GET", f"{ADDRESS}/epochs/{2**31}", None),
+        ("GET", f"{ADDRESS}/report.html?epoch={LARGE}", None),
+        ("GET", f"{ADDRESS}/rejected?epoch={LARGE}", None),
+        ("GET", f"{ADDRESS}/observations?state=accepted&epoch={LARGE}", None),
+    ],
+)
+def test_a_number_that_the_database_cannot_hold_is_refused(yard, method, path, json):
+    answer = yard.request(method, path, json=json)
+    assert answer.status_code == 422 and answer.json()["error"][0]["what"], answer.text
+
+
+def test_an_alarm_of_a_point_that_no_table_can_hold_is_none(yard):
+    answer = yard.get("/api/v1/alarms", params={"point": "a\0b"})
+    assert answer.status_code in (200, 422)
+    assert answer.json() == [] or answer.json()["error"]
+
+
+@pytest.mark.parametrize("odd", ["a\0b", "a\ud800b", "a\u202eb"])
+def test_texts_that_no_database_or_file_can_hold_refuse_their_posting_alone(yard, odd):
+    """Others that come in the same transaction are taken."""
+    good = {"kind": "height_difference", "station": "A", "target": "C", "value": 1.4996}
+    odd_ones = [
+        *({**good, "id": "r", "request": odd}, {**good, "id": odd}, {**good, "station": odd}),
+        {**good, "measured": {"instrument": odd, "begin": 1.0, "end": 2.0}},
+        *({**good, "id": "t", "time": LARGE}, {"do": "solution", "epoch": LARGE}),
+        {"do": "close epoch", "epoch": 10**400},
+    ]
+    both = [p for n, o in enumerate(odd_ones) for p in (o, {**good, "id": f"good{n}"})]
+    raw = dumps(both)  # as the client that tests have would not send them
+    answer = yard.post(
+        f"{ADDRESS}/postings", content=raw, headers={"Content-Type": "application/json"}
+    )
+    assert answer.status_code == 200, answer.text
+    for n, (refused, taken) in enumerate(zip(*[iter(answer.json())] * 2, strict=True)):
+        assert not refused["ok"] and refused["error"][0]["what"], (n, refused)
+        assert taken["ok"], (n, taken)
+    ids = [o["id"] for o in yard.get(f"{ADDRESS}/observations?state=accepted").json()["rows"]]
+    assert {f"good{n}" for n in range(len(odd_ones))} <= {*ids}
+
+
+@pytest.mark.parametrize("odd", ["a\0b", "a\ud800b"])
+def test_a_token_has_a_name_that_a_table_can_hold(client, odd):
+    admin = client.post("/api/v1/tokens", json={"name": "chief", "role": "admin"}).json()
+    said = {"Content-Type": "application/json", "Authorization": f"Bearer {admin['token']}"}
+    raw = dumps({"name": odd, "role": "viewer"})
+    answer = client.post("/api/v1/tokens", content=raw, headers=said)
+    assert answer.status_code == 422
+    assert "control characters" in answer.json()["error"][0]["what"]

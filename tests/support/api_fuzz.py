@@ -154,12 +154,19 @@ class ApiFuzz:
             answer = case.call(headers=self.headers(role))
         except (UnicodeEncodeError, ValueError) as error:  # what no client can send
             if "encode" not in str(error) and "JSON" not in str(error):
-                raise
+                self._note(route, 500, error)
+            return
+        except Exception as error:
+            self._note(route, 500, error)
             return
         self.asked.statuses[answer.status_code] += 1
         try:
             case.validate_response(answer, checks=list(CHECKS))
         except (Failure, FailureGroup) as error:
             parts = getattr(error, "exceptions", (error,))
-            said = "; ".join(str(p).split("\n")[0] for p in parts)
-            self.asked.faults[route.method, route.path, f"{answer.status_code} {said}"] += 1
+            self._note(route, answer.status_code, *parts)
+
+    def _note(self, route: Any, status: int, *errors: Exception) -> None:
+        """Note what was wrong with an answer; what the service raised is one of 500."""
+        said = "; ".join(f"{type(e).__name__}: {str(e).splitlines()[0]}"[:200] for e in errors)
+        self.asked.faults[route.method, route.path, f"{status} {said}"] += 1
