@@ -25,7 +25,7 @@ from ..observations import AnyObservation, Observation
 from ..quality.rejections import Snooping
 from ..solve.solution import Solution
 from ..validate.repeated_readings import CopiedBlocks
-from . import commands, retirement, retirement_window
+from . import commands, manual_decisions, retirement, retirement_window
 from .arrival import Arrival
 from .initial_adjustment import initial_state
 from .resumption import RecordedEstimates, resumed
@@ -315,16 +315,32 @@ class IncrementalAdjustment(SightQueries):
         Raises:
             InputError: all ids that are neither; nothing has changed then.
         """
-        return self._changed("accept", commands.accept(self._state, ids, self._rules))
+        return self._changed("accept", manual_decisions.accept(self._state, ids, self._rules))
 
     @one_at_a_time
-    def discard(self, ids: str | Iterable[str]) -> None:
-        """Reject suspects. For accepted observations see `remove`.
+    def discard(self, ids: str | Iterable[str]) -> Arrival:
+        """Reject suspects or accepted observations; they are not readmitted automatically.
+
+        Others that fit now are readmitted, as after `remove`.
 
         Raises:
-            InputError: all ids that are not suspects; nothing has changed then.
+            InputError: all ids that are neither; nothing has changed then.
         """
-        self._changed("discard", (commands.discard(self._state, ids), Arrival()))
+        return self._changed("discard", manual_decisions.discard(self._state, ids, self._rules))
+
+    @one_at_a_time
+    def revoke(self, ids: str | Iterable[str]) -> Arrival:
+        """Take the last `accept` or `discard` of observations back: earlier verdicts stand again.
+
+        An accepted observation that a test had rejected leaves the graph, and is rejected with the
+        figures of that test; a discarded one that had been accepted enters again. What was
+        readmitted because of the decision has its earlier outcome as well. ``decided`` lists the
+        observations about which a decision can be taken back.
+
+        Raises:
+            InputError: all ids about which no decision stands; nothing has changed then.
+        """
+        return self._changed("revoke", manual_decisions.revoke(self._state, ids, self._rules))
 
     @one_at_a_time
     def snoop(self, /, **options: Any) -> Snooping:

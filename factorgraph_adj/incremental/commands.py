@@ -1,4 +1,4 @@
-"""Commands on an incremental state: add, remove, replace, reweight, accept, discard, snoop, settle.
+"""Commands on an incremental state: add, remove, replace, reweight, snoop, settle.
 
 Each is a function of a state, and returns another state and its result. After a removal, unknowns
 that only the removed observations determined wait again.
@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..entities import parameter_name
-from ..errors import AdjustmentError, InputError, Problem, known
+from ..errors import AdjustmentError, InputError, Problem
 from ..graph.dependence import Variable, components
 from ..graph.keys import KeyMap
 from ..graph.observation_selection import weighted_unknowns
@@ -25,7 +25,7 @@ from ..graph.variables import Unknowns
 from ..ledger.command_input import Input, Options, ids_in, listed
 from ..ledger.ledger import Ledger
 from ..ledger.row_store import OUTCOME_CODE
-from ..ledger.verdicts import DISCARDED, REST, SNOOPED
+from ..ledger.verdicts import REST, SNOOPED
 from ..ledger.waiting_observations import Candidates, NothingKnown, known_in
 from ..linear_system import engines
 from ..linear_system.arrival_decisions import untested
@@ -43,7 +43,7 @@ from ..solve.solution import Solution
 from ..types import NO_ROWS, Index
 from .arrival import Arrival, arrival_of
 from .initial_adjustment import adjusted, settled
-from .readmission import readmitted, readmitted_suspects, remeasured
+from .readmission import readmitted, readmitted_suspects
 from .worklist import IncrementalState, Task, Verdicts, worked_off
 
 MAX_WEIGHT_FACTOR = 1e12
@@ -232,7 +232,7 @@ def remove(
         InputError: all ids that do not exist.
     """
     weights = weighted_unknowns(state.ledger.network)
-    after, verdicts = _without(state, known_ids(state, ids_in(ids), weights), rules)
+    after, verdicts = without(state, known_ids(state, ids_in(ids), weights), rules)
     after, verdicts = readmitted(after, verdicts, rules)
     return after, arrival_of(state, after, verdicts, (), "remove")
 
@@ -284,65 +284,6 @@ def reweight(
     return after, arrival_of(state, after, verdicts, every, "reweight")
 
 
-def accept(
-    state: IncrementalState, ids: str | Iterable[str], rules: Options
-) -> tuple[IncrementalState, Arrival]:
-    """Let suspects or rejected observations enter without regard to their tests.
-
-    Raises:
-        InputError: all ids that are neither.
-    """
-    ledger, wanted = state.ledger, ids_in(ids)
-    problems = [
-        Problem(
-            ledger.retirement_note(i) or "is neither suspect nor rejected", f"observation {i!r}"
-        )
-        for i in wanted
-        if ledger.status(i) not in ("suspect", "rejected")
-    ]
-    rows = ledger.find(wanted)
-    if not problems:
-        problems = _measured_again(ledger, rows)
-    if problems:
-        raise InputError(problems)
-    ledger = ledger.moved(rows, "waiting", "accepted by hand")
-    after, verdicts = worked_off(
-        replace(state, ledger=ledger), [Task(rows, rows, asked=True)], rules
-    )
-    after, verdicts = readmitted(after, verdicts, rules)
-    return after, arrival_of(state, after, verdicts, ledger.ids_of(rows), "accept")
-
-
-def discard(state: IncrementalState, ids: str | Iterable[str]) -> IncrementalState:
-    """Reject suspects.
-
-    Raises:
-        InputError: all ids that are not suspects.
-    """
-    ledger, wanted = state.ledger, ids_in(ids)
-    every = ledger.ids_of(ledger.having("suspect"))
-    problems = [
-        Problem(
-            ledger.retirement_note(i)
-            or (
-                "is accepted: remove() takes it out"
-                if ledger.is_accepted(i)
-                else f"is not a suspect; suspects: {known(every, meant=i)}"
-            ),
-            f"observation {i!r}",
-        )
-        for i in wanted
-        if ledger.status(i) != "suspect"
-    ]
-    if problems:
-        raise InputError(problems)
-    verdicts = {
-        v.id: replace(v, verdict="rejected", cause=DISCARDED) for v in ledger.verdicts("suspect")
-    }
-    ledger = ledger.moved(ledger.find(wanted), "rejected", DISCARDED, verdicts)
-    return replace(state, ledger=ledger)
-
-
 def reject(
     state: IncrementalState, ids: Sequence[str], rules: Options, limit: float
 ) -> tuple[IncrementalState, Arrival]:
@@ -358,7 +299,7 @@ def reject(
     rows = ledger.find(ids)
     every, units = ledger.ids_of(rows), ledger.units(rows)
     weights = ledger.missing(ids)
-    after, verdicts = _without(state, [*every, *weights], rules, cause=SNOOPED)
+    after, verdicts = without(state, [*every, *weights], rules, cause=SNOOPED)
     taken, again = after.ledger.taken([u.item for u in units])
     own = (v for u in units for v in untested(u, "rejected", cause=SNOOPED))
     rejected = {v.id: replace(v, critical=limit**2) for v in own}
@@ -411,6 +352,14 @@ def settle(state: IncrementalState, rules: Options) -> tuple[IncrementalState, A
     return after, arrival_of(state, after, verdicts, (), "settle")
 
 
+def without(
+    state: IncrementalState, ids: Sequence[str], rules: Options, *, cause: str = "removed"
+) -> tuple[IncrementalState, Verdicts]:
+    """Take observations out, and process what remains to be examined."""
+    out = remove_observations(state, ids, rules, cause)
+    return worked_off(out.state, out.tasks, rules, start=out.start)
+
+
 # -- helpers --------------------------------------------------------------------------------------
 
 
@@ -440,14 +389,6 @@ def known_ids(
     return wanted
 
 
-def _without(
-    state: IncrementalState, ids: Sequence[str], rules: Options, *, cause: str = "removed"
-) -> tuple[IncrementalState, Verdicts]:
-    """Take observations out, and process what remains to be examined."""
-    out = remove_observations(state, ids, rules, cause)
-    return worked_off(out.state, out.tasks, rules, start=out.start)
-
-
 def _with_weighted(
     state: IncrementalState, new: Sequence[Variable], rules: Options
 ) -> IncrementalState:
@@ -470,10 +411,3 @@ def _with_weighted(
         if isinstance(found, FrontSystem)
         else state
     )
-
-
-def _measured_again(ledger: Ledger, chosen: Index) -> list[Problem]:
-    """Return rejected image points that have been measured again since."""
-    what = "the point has been measured in this photo again since"
-    again = ledger.ids_of(remeasured(ledger, chosen))
-    return [Problem(what, f"observation {name!r}") for name in again]

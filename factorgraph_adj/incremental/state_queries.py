@@ -29,7 +29,7 @@ from ..solve.estimates import CalibrationEstimate, PoseEstimate
 from ..solve.solution import Solution
 from ..types import Array
 from ..validate.repeated_readings import CopiedBlocks
-from . import doubts, nonlinear_tests, readmission, retirement
+from . import doubts, manual_decisions, nonlinear_tests, readmission, retirement
 from .arrival import Waiting, waiting_of
 from .worklist import IncrementalState
 
@@ -202,6 +202,12 @@ class StateQueries(metaclass=ChecksArguments):
     def rejected(self) -> tuple[Verdict, ...]:
         """Observations that were rejected."""
         return tuple(self._state.ledger.verdicts("rejected"))
+
+    @property
+    @one_at_a_time
+    def decided(self) -> frozenset[str]:
+        """Ids of observations that were accepted or discarded by hand; `revoke` takes that back."""
+        return manual_decisions.decided(self._state.ledger)
 
     @one_at_a_time
     def tested_now(self) -> tuple[Verdict, ...]:

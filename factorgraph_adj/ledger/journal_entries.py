@@ -3,11 +3,13 @@
 The first line has the options and the network at the start as the files of a project. Every other
 line is one change: the command (``do``), the ``time`` of an arrival, new points, photos, cameras
 and other ``unknowns`` (records with their ``kind``), new or changed observations, the ids that
-became ``gone``, ``accepted``, ``waiting``, ``suspect`` or ``rejected``, and why (``causes``); what
-waiting observations and unknowns lack (``lacks``); how photos without poses were oriented
-(``oriented``); readings that have moved points to their other sides (``sides``, all of them where
-that has changed); what was retired (``retired``), or that all of it was taken back
-(``taken_back``), see `retirement`; ``estimates`` of unknowns, by kind and name, and ``vtpv``, see
+became ``gone``, ``accepted``, ``waiting``, ``suspect`` or ``rejected``, and why (``causes``);
+verdicts on those of the accepted that a decision by hand let in (``decided``), each with the one
+that it has replaced (``former``), as all verdicts after such decisions have it; what waiting
+observations and unknowns lack (``lacks``); how photos without poses were oriented (``oriented``);
+readings that have moved points to their other sides (``sides``, all of them where that has
+changed); what was retired (``retired``), or that all of it was taken back (``taken_back``), see
+`retirement`; ``estimates`` of unknowns, by kind and name, and ``vtpv``, see
 `incremental.resumption`. The first line has the result of its network in ``start``, with the same
 fields. Image points are in ``images``, those of a photo with the same outcome together. Replay
 needs no tests.
@@ -55,8 +57,8 @@ from .verdicts import OUTCOMES, STATED_CAUSES, Outcome, Side, Verdict
 _FIGURES = ("innovation", "sigma", "w", "redundancy_numbers")
 FIELDS = (
     *("do", "time", "cameras", "points", "unknowns", "photos", "observations", "images"),
-    *("gone", *OUTCOMES, "causes", "lacks", "found", "unweighted", "oriented", "sides"),
-    *("retired", "taken_back", "estimates", "vtpv"),
+    *("gone", *OUTCOMES, "decided", "causes", "lacks", "found", "unweighted", "oriented"),
+    *("sides", "retired", "taken_back", "estimates", "vtpv"),
 )
 """Fields of a line after the first."""
 OUTCOMES_WITH_FIGURES = ("suspect", "rejected")
@@ -146,6 +148,8 @@ def difference(before: Ledger, after: Ledger) -> dict[str, Any]:
             out.setdefault(outcome, {}).update({i: recorded.get(i, {}) for i in ids})
         elif ids:
             out.setdefault(outcome, []).extend(ids)
+            if recorded := {v.id: figures(v) for v in rows.verdicts.get(row, ())}:
+                out.setdefault("decided", {}).update(recorded)
         if ids and cause != "arrival":
             causes.setdefault(cause, []).extend(ids)
     images = _images(after, rows.images(changed), n)
@@ -265,7 +269,14 @@ def figures(verdict: Verdict | None) -> dict[str, Any]:
         value = getattr(verdict, name)
         if math.isfinite(value):
             out[name] = value
-    return out | ({"doubt": verdict.doubt} if verdict.doubt else {})
+    if verdict.doubt:
+        out["doubt"] = verdict.doubt
+    if verdict.following:
+        out["following"] = list(verdict.following)
+    if (former := verdict.former) is not None:
+        own = {"verdict": former.verdict, "cause": former.cause}
+        out["former"] = own | figures(former)
+    return out
 
 
 # -- reading back ---------------------------------------------------------------------------------
@@ -346,6 +357,9 @@ def _after(line: Mapping[str, Any], ledger: Ledger, where: str) -> Ledger:
             what = f"observation {missing[0]!r} is not known here: a line before is missing"
             raise InputError(Problem(what, where))
         ledger = _moved(ledger, ledger.find(changed), outcome, changed, causes)
+    if "decided" in line:
+        decided = line["decided"]
+        ledger = _moved(ledger, ledger.find(decided), "accepted", decided, causes)
     for record in line.get("images", ()):
         ledger = _replay_images(ledger, record, where)
     if line.get("unweighted"):
@@ -376,6 +390,8 @@ def _moved(
     figures_of = changed if isinstance(changed, Mapping) else {}
     for unit in ledger.units(rows) if figures_of else ():
         for i, o in zip(unit.ids, unit.observations, strict=True):
+            if outcome not in OUTCOMES_WITH_FIGURES and not figures_of.get(i):
+                continue
             found = _verdict(i, o, unit.points, outcome, figures_of.get(i, {}))
             cause = causes.get(i, "")
             verdicts[i] = replace(found, cause=cause) if cause in STATED_CAUSES else found
@@ -423,6 +439,9 @@ def _verdict(
     known: dict[str, Any] = {name: _array(given.get(name)) for name in _FIGURES}
     if known["sigma"] is not None:
         known["sigma"] = np.where(np.isnan(known["sigma"]), np.inf, known["sigma"])
+    if (was := given.get("former")) is not None:
+        former = _verdict(ident, o, points, was["verdict"], was)
+        known["former"] = replace(former, cause=str(was["cause"]))
     return Verdict(
         ident,
         o.kind,
@@ -434,6 +453,7 @@ def _verdict(
         critical=given.get("critical", np.nan),
         doubt=str(given.get("doubt", "")),
         points=points,
+        following=tuple(given.get("following", ())),
         **known,
     )
 

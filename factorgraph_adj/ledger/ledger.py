@@ -292,7 +292,8 @@ class Ledger:
             rows: the rows.
             outcome: their new outcome; None: they are taken out.
             cause: the cause of the change.
-            verdicts: verdicts on suspects and rejected observations by id.
+            verdicts: verdicts by id on suspects and rejected observations, and on accepted ones
+                that a decision by hand let in.
         """
         if not len(rows):
             return self
@@ -300,7 +301,8 @@ class Ledger:
         if verdicts:
             for row in rows.tolist():
                 ids = self.rows.ids(self.names, row)
-                moved[row] = tuple(verdicts[i] for i in ids if i in verdicts)
+                if own := tuple(verdicts[i] for i in ids if i in verdicts):
+                    moved[row] = own
         causes = {**self.causes, **dict.fromkeys(rows.tolist(), cause)}
         return replace(self, rows=self.rows.moved(rows, outcome, moved), causes=causes)
 

@@ -282,7 +282,7 @@ class RowStore:
     room: RowColumns = field(default_factory=RowColumns)
     """Their columns."""
     verdicts: Mapping[int, tuple[Verdict, ...]] = field(default_factory=dict)
-    """Verdicts on suspect and rejected rows."""
+    """Verdicts on suspect and rejected rows, and on those that a decision by hand let in."""
 
     @property
     def n(self) -> int:

@@ -103,3 +103,8 @@ class Verdict(ChiSquareTest):
     gains: tuple[Gain, ...] = ()
     """Gain of each of its points; empty for observations that are left out, and in free networks
     (there the standard deviations refer to all datum points together)."""
+    former: Verdict | None = None
+    """Verdict that a decision by hand has replaced, which `revoke` restores; None: it was none."""
+    following: tuple[str, ...] = ()
+    """Ids of the observations whose decision by hand let it come back; empty where the decision was
+    about itself."""

@@ -51,7 +51,9 @@ such as σ of a new point before the observation, are null.
                       ``before_mm``, ``after_mm``); ``examined``, ``figures`` (``now_mm``) and
                       ``determining``: sights to points that are new
 ``accept``            ``ids``: put suspect or rejected observations into the graph
-``discard``           ``ids``: discard suspect observations
+``discard``           ``ids``: reject suspect or accepted observations
+``revoke``            ``ids``: take the last ``accept`` or ``discard`` of each back, with what it
+                      let come back: earlier verdicts stand again
 ``remove``            ``ids``: remove observations; those that lose their support wait again
 ``replace``           ``id``, ``observation``: replace an observation by another one
 ``reweight``          ``ids``, ``factor``: multiply weights by the factor
@@ -76,7 +78,8 @@ states its σ or takes that of [sigma.image]; only a project can state other axe
   ``redundancy``, ``sigma0``;
 - ``seconds``: duration of the command.
 
-Answers to observations, ``add``, ``accept``, ``remove``, ``replace`` and ``reweight`` also have
+Answers to observations, ``add``, ``accept``, ``discard``, ``revoke``, ``remove``, ``replace`` and
+``reweight`` also have
 
 - the verdict, for a line with one observation; otherwise ``verdicts``, a list of verdicts:
   ``id``, ``kind``, ``label``, ``verdict`` (accepted, suspect, rejected, waiting), ``test``
@@ -114,6 +117,7 @@ from typing import Any
 from ..blas_threads import one_at_a_time
 from ..errors import AdjustmentError, InputError, Problem, known
 from ..incremental.adjustment import IncrementalAdjustment
+from ..incremental.arrival import Arrival
 from ..io.csv_tables import FieldRow
 from ..io.file_transaction import write_files
 from ..io.json_records import photo_of, point_of, unknown_of
@@ -342,15 +346,12 @@ class Stream:
     def _accept(self, row: FieldRow) -> Answer:
         return self.answers.arrival(self.adjustment.accept(requests.listed_ids(row)))
 
-    def _discard(self, row: FieldRow) -> Answer:
-        self.adjustment.discard(requests.listed_ids(row))
-        return {}
-
-    def _remove(self, row: FieldRow) -> Answer:
+    def _without(self, row: FieldRow, command: Callable[[Sequence[str]], Arrival]) -> Answer:
+        """Answer a command after which observations may have left the graph."""
         ids = requests.listed_ids(row)
         points, _ = self.answers.points(self.answers.points_of(ids))  # only these can be lost
         touched = [str(p["name"]) for p in points]
-        return self.answers.arrival(self.adjustment.remove(ids), touched=touched)
+        return self.answers.arrival(command(ids), touched=touched)
 
     def _replace(self, row: FieldRow) -> Answer:
         ident = row.text("id", required=True)
@@ -485,8 +486,9 @@ STREAM_COMMANDS: dict[str, StreamCommand] = {
     "causes": StreamCommand(Stream._causes),
     "next_sights": StreamCommand(Stream._next_sights, requests.SIGHT_FIELDS),
     "accept": StreamCommand(Stream._accept, ("ids",)),
-    "discard": StreamCommand(Stream._discard, ("ids",)),
-    "remove": StreamCommand(Stream._remove, ("ids",)),
+    "discard": StreamCommand(lambda s, r: s._without(r, s.adjustment.discard), ("ids",)),
+    "revoke": StreamCommand(lambda s, r: s._without(r, s.adjustment.revoke), ("ids",)),
+    "remove": StreamCommand(lambda s, r: s._without(r, s.adjustment.remove), ("ids",)),
     "replace": StreamCommand(Stream._replace, ("id", "observation")),
     "reweight": StreamCommand(Stream._reweight, ("ids", "factor")),
     "snoop": StreamCommand(Stream._snoop),

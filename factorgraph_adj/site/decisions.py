@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 from ..errors import InputError
 from ..incremental.adjustment import IncrementalAdjustment
@@ -14,12 +14,17 @@ from .database import Database
 from .epoch_search import SEARCHER
 from .postings import named_ids
 
-DECIDING = ("accept", "discard", "remove", "replace", "reweight", "snoop")
+DECIDING = ("accept", "discard", "revoke", "remove", "replace", "reweight", "snoop")
 """Commands that decide about observations."""
+REVOCABLE = ("accept", "discard")
+"""Those of them that ``revoke`` takes back, the last one of each observation."""
 MAX_LABELS = 200
 """Largest number of observations whose names are recorded with a decision."""
 
 Row = Mapping[str, Any]
+Standing: TypeAlias = "Mapping[str, tuple[Decision, ...]]"
+"""Decisions about observations that were not taken back, by ids, the last one last."""
+NOTHING_STANDS: Standing = {}
 
 
 @dataclass(frozen=True)
@@ -48,10 +53,11 @@ class Decision:
         ids, labels = named_ids(record).get("ids", ()), record.get("labels", {})
         return cls(float(row["at"]), row["who"], row["action"], tuple(ids), labels)
 
-    def shown(self) -> dict[str, Any]:
-        """Return what the API shows."""
+    def shown(self, standing: Standing = NOTHING_STANDS) -> dict[str, Any]:
+        """Return what the API shows, with those of its ids for which people can take it back."""
         out = {"at": self.at, "by": self.by, "do": self.do, "ids": [*self.ids]}
-        return out | {"labels": dict(self.labels)}
+        own = [i for i in self.ids if self.by != SEARCHER and standing.get(i, ())[-1:] == (self,)]
+        return out | {"labels": dict(self.labels), "revocable": own}
 
 
 def decision_record(
@@ -128,4 +134,24 @@ def accepted_by_people(
         more: rows of ``actions`` that are not in the database yet.
     """
     found = epoch_decisions(database, network, epoch, more=more, others=True)
-    return frozenset(i for d in found if d.do == "accept" and d.by != SEARCHER for i in d.ids)
+    return frozenset(
+        ident
+        for ident, own in standing_decisions(found).items()
+        if any(d.do == "accept" and d.by != SEARCHER for d in own)
+    )
+
+
+def standing_decisions(decisions: Sequence[Decision]) -> Standing:
+    """Return the decisions ``accept`` and ``discard`` that no later ``revoke`` has taken back.
+
+    Args:
+        decisions: all decisions about an epoch, the oldest first.
+    """
+    out: dict[str, tuple[Decision, ...]] = {}
+    for decision in decisions:
+        for ident in decision.ids:
+            if decision.do in REVOCABLE:
+                out[ident] = (*out.get(ident, ()), decision)
+            elif decision.do == "revoke":
+                out[ident] = out.get(ident, ())[:-1]
+    return out

@@ -8,7 +8,7 @@ from fastapi import APIRouter, Body, Query
 
 from ..errors import InputError
 from ..report.layout import finite_json
-from .decisions import epoch_decisions
+from .decisions import epoch_decisions, standing_decisions
 from .dependencies import Decider, EpochInPath, Network, Reader, TheSite
 from .live_epochs import no_epoch
 from .network_routes import answer_of, answered
@@ -46,7 +46,8 @@ def epoch(network: Network, site: TheSite, caller: Reader, number: EpochInPath) 
         out |= {"doubts": result.get("doubts", []), "groups": result.get("groups", [])}
         names = ("against", "reference", "revised", "displacements", "blocks", "motions", "tests")
         decided = epoch_decisions(site.database, network.settings.name, number)
-        out["decisions"] = [d.shown() for d in decided]
+        standing = standing_decisions(decided)
+        out["decisions"] = [d.shown(standing) for d in decided]
         return out | {name: findings.get(name) for name in names}
     there = [row["number"] for row in network.epochs()]
     raise NoSuchThing(no_epoch(network.settings.name, number, there))

@@ -15,9 +15,10 @@ from fastapi.responses import JSONResponse
 from ..errors import InputError, Problem
 from ..io.project_writer import network_files
 from ..report.layout import finite_json
-from .decisions import epoch_decisions
+from .decisions import epoch_decisions, standing_decisions
 from .dependencies import EpochNumber, Network, Poster, Reader, TheSite
 from .epoch_downloads import epoch_file
+from .epoch_search import SEARCHER
 from .live_network import LiveNetwork, Overloaded
 from .observation_list import ObservationList, observation_list
 from .postings import COMMANDS_THAT_CHANGE
@@ -132,6 +133,7 @@ def sights(network: Network, caller: Reader) -> list[Answer]:
 @network_router.get("/observations")
 def observations(
     network: Network,
+    site: TheSite,
     caller: Reader,
     state: str = "accepted",
     limit: Annotated[int, Query(ge=1, le=10_000)] = 200,
@@ -140,13 +142,30 @@ def observations(
     q: str = "",
     epoch: EpochNumber = None,
 ) -> Answer:
-    """Return a page of the observations of a state, in the present epoch or in another one."""
+    """Return a page of the observations of a state, in the present epoch or in another one.
+
+    Each has the last ``decision`` that names it; ``revocable``: it can be taken back.
+    """
 
     def page(view: EpochView) -> Answer:
         listed = observation_list(view.epoch)
-        return listed.page(state, limit=limit, after=after, point=point, text=q)
+        found = listed.page(state, limit=limit, after=after, point=point, text=q)
+        return _with_decisions(network, site, view, found)
 
     found: Answer = _seen(network, page, epoch)
+    return found
+
+
+def _with_decisions(network: LiveNetwork, site: Site, view: EpochView, found: Answer) -> Answer:
+    """Return rows of observations with what people have decided about each."""
+    decided = epoch_decisions(site.database, network.settings.name, view.epoch.number)
+    last, standing = {i: d for d in decided for i in d.ids}, standing_decisions(decided)
+    there = view.adjustment.decided
+    for row in found["rows"]:
+        if (ident := row["id"]) in last:
+            row["decision"] = last[ident].shown(standing)
+            top = standing.get(ident, ())[-1:]
+            row["revocable"] = ident in there and any(d.by != SEARCHER for d in top)
     return found
 
 
@@ -158,16 +177,13 @@ def _others(network: LiveNetwork, site: Site, state: str, number: int | None) ->
 
     def rows(view: EpochView) -> Answer:
         listed = ObservationList(view.epoch, None)
-        found, tested = listed.others(state), {} if number is None else listed.tested_now()
-        now = [row | ({"now": tested[row["id"]]} if row["id"] in tested else {}) for row in found]
-        return {"epoch": view.epoch.number, "rows": now}
+        tested = {} if number is None else listed.tested_now()
+        others = listed.others(state)
+        now = [row | ({"now": tested[row["id"]]} if row["id"] in tested else {}) for row in others]
+        found = {"epoch": view.epoch.number, "rows": now}
+        return _with_decisions(network, site, view, found)
 
     found: Answer = _seen(network, rows, number)
-    decided = epoch_decisions(site.database, network.settings.name, found["epoch"])
-    last = {i: d for d in decided for i in d.ids}
-    for row in found["rows"]:
-        if row["id"] in last:
-            row["decision"] = last[row["id"]].shown()
     return found
 
 

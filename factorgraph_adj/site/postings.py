@@ -24,8 +24,8 @@ MAX_READINGS_OF_LOT = 250
 """
 COMMANDS_THAT_CHANGE = frozenset(
     (
-        *("add", "accept", "discard", "remove", "replace", "reweight", "snoop", "settle"),
-        *("retire", "close epoch"),
+        *("add", "accept", "discard", "revoke", "remove", "replace", "reweight", "snoop"),
+        *("settle", "retire", "close epoch"),
     )
 )
 """Commands that the service records: those of the stream protocol that change an epoch, without

@@ -263,6 +263,22 @@ def test_suspects_can_be_thrown_out_and_taken_back(yard):
     assert yard(do="accept", ids="s3")["counts"]["rejected"] == 0
 
 
+def test_decisions_are_revoked_one_after_the_other(yard):
+    """An accepted reading that is discarded is rejected, and can be had back."""
+    (suspect,) = (yard(WRONG), yard(do="suspects"))[1]["suspects"]
+    yard(do="accept", ids="s3")
+    answer = yard(do="discard", ids="s3")
+    assert [(v["id"], v["verdict"], v["cause"]) for v in answer["verdicts"]] == [
+        ("s3", "rejected", "discarded")
+    ]
+    assert [p["name"] for p in answer["points"]] == ["C"]
+    answer = yard(do="revoke", ids=["s3"])
+    assert [v["verdict"] for v in answer["verdicts"]] == ["accepted"]
+    assert answer["counts"]["rejected"] == 0 and "s3" in yard.inc.network().observations
+    yard(do="revoke", ids=["s3"])
+    assert yard(do="suspects")["suspects"] == [suspect]
+
+
 def test_snooping_sets_aside_what_was_accepted_against_its_test(yard):
     yard(WRONG)
     yard(do="accept", ids="s3")
@@ -649,8 +665,9 @@ def test_all_that_is_wrong_with_a_line_is_told_at_once(yard):
         ({"do": "remove", "ids": [1.5]}, "ids must be a list of ids, or one id, not [1.5]"),
         ({"do": "remove", "ids": {"s1": 1}}, "ids must be a list of ids"),
         ({"do": "accept", "ids": "s1"}, "is neither suspect nor rejected"),
-        ({"do": "discard", "ids": ["s1"]}, "is accepted: remove() takes it out"),
-        ({"do": "discard", "ids": ["X"]}, "is not a suspect"),
+        ({"do": "discard", "ids": ["X"]}, "unknown observation"),
+        ({"do": "revoke", "ids": ["s1"]}, "no decision by hand about it stands"),
+        ({"do": "revoke", "ids": ["X"]}, "unknown observation"),
         ({"do": "replace", "id": "s1"}, "observation is missing"),
         ({"do": "replace", "observation": SIGHT}, "id is missing"),
         ({"do": "replace", "id": "X", "observation": SIGHT}, "unknown observation"),

@@ -411,7 +411,9 @@ class CannedSite:
         tested |= {k: rows[1].pop(k) for k in ("innovation_sigma", "redundancy_number")}
         rows[1] |= {"cause": "snooping", "now": tested | {"small_unit": "mm"}}
         decision = {"at": time() - 900, "by": "office", "do": "discard", "ids": ["e2"]}
+        former = {**rows[2], "state": "accepted", "verdict": "accepted"}
         rows[2] |= {"cause": "discarded", "decision": decision | {"labels": {}}}
+        rows[2] |= {"revocable": True, "former": former}
         rows[0]["now"] = {k: rows[0][k] for k in (*tested, "small_unit")} | {
             "test": 0.4,
             "w": [1.3],
@@ -419,9 +421,9 @@ class CannedSite:
         net.observations |= {r["id"]: r for r in rows}
         self.decisions[number] = [
             {"at": time() - 9000, "by": "site", "do": "snoop", "ids": [], "labels": {}},
-            decision | {"labels": {}},
+            decision | {"labels": {}, "revocable": ["e2"]},
             {"at": time() - 800, "by": "office", "do": "accept", "ids": ["e9"]}
-            | {"labels": {"e9": "slope_distance P2 D4"}},
+            | {"labels": {"e9": "slope_distance P2 D4"}, "revocable": ["e9"]},
         ]
 
     def raise_alarm(self, rule: str = "crest", **more: Any) -> Record:
@@ -493,7 +495,7 @@ class CannedSite:
         if do is None:
             row = self.arrive(network, posting.get("verdict", "accepted"))
             return {"ok": True, **row}
-        answer = self._command(net, do, posting)
+        answer = self._command(net, do, posting, by)
         answer |= {"ok": True, "do": do, "points": [], "entered": [], "counts": net.counts()}
         ids = posting.get("ids", [posting.get("id")])
         number = posting.get("epoch", net.epochs[-1]["number"])
@@ -507,27 +509,47 @@ class CannedSite:
     def _revise(self, net: CannedNetwork, number: int, decision: Record) -> None:
         """Give an epoch that has ended another result after a decision about it."""
         labels = {i: net.observations[i]["label"] for i in decision["ids"]}
-        self.decisions.setdefault(number, []).append(decision | {"labels": labels})
+        earlier, ids = self.decisions.setdefault(number, []), set(decision["ids"])
+        for d in earlier:
+            d["revocable"] = [i for i in d.get("revocable", ()) if i not in ids]
+        own = decision["ids"] if decision["do"] in ("accept", "discard") else []
+        earlier.append(decision | {"labels": labels, "revocable": own})
         next(e for e in net.epochs if e["number"] == number)["revision"] += 1
         for epoch in (e["number"] for e in net.epochs if number <= e["number"] and e["congruence"]):
             what = "result" if epoch == number else "revised"
             self.tell("epoch", net.name, epoch=epoch, what=what)
 
-    def _command(self, net: CannedNetwork, do: str, posting: Record) -> Record:
+    @staticmethod
+    def _decided(rows: list[Record], do: str, by: str, more: Record) -> Record:
+        """Give rows another state by a decision that can be revoked."""
+        decision = {"at": time(), "by": by, "do": do, "ids": [r["id"] for r in rows]}
+        for row in rows:
+            own = {"former": dict(row), "state": more["verdict"], "decision": decision}
+            row |= more | own | {"revocable": True}
+        return {"verdicts": [{k: v for k, v in r.items() if k != "former"} for r in rows]}
+
+    def _command(self, net: CannedNetwork, do: str, posting: Record, by: str) -> Record:
         ids = posting.get("ids", [posting["id"]] if "id" in posting else [])
         unknown = [i for i in ids if i not in net.observations]
         if unknown:
             raise Refused(f"unknown observation {unknown[0]}", do)
         rows = [net.observations[i] for i in ids]
         if do == "accept":
+            return self._decided(rows, do, by, {"verdict": "accepted", "cause": ""})
+        if do == "discard":
+            return self._decided(rows, do, by, {"verdict": "rejected", "cause": "discarded"})
+        if do == "revoke":
             for row in rows:
-                row |= {"state": "accepted", "verdict": "accepted"}
-            return {"verdicts": [dict(r) for r in rows]}
-        if do in ("discard", "remove"):
+                if "former" not in row:
+                    raise Refused("no decision by hand about it stands", do)
+                former = row.pop("former")
+                row.clear()
+                row |= former
+            return {"verdicts": [dict(r) | {"verdict": r["state"]} for r in rows]}
+        if do == "remove":
             for row in rows:
-                row["state"] = "rejected" if do == "discard" else "gone"
-                row["cause"] = f"{do} by command"
-            return {"verdicts": []} if do == "remove" else {}
+                row["state"] = "gone"
+            return {"verdicts": []}
         if do == "reweight":
             if not posting["factor"] > 0:
                 raise Refused("the factor must be positive", do)

@@ -95,6 +95,72 @@ def test_a_decision_about_an_ended_epoch_revises_it_and_later_ones(tmp_path):
         assert found[0]["labels"]["wrong"].startswith("slope_distance A C")
 
 
+def shown(client, epoch):
+    """Return what is in and out of an epoch, with its result and estimates."""
+    lists = {what: listed(client, epoch, what) for what in ("rejected", "suspects", "waiting")}
+    for row in (row for rows in lists.values() for row in rows):
+        row.pop("decision", None), row.pop("revocable", None), row.pop("now", None)
+    accepted = client.get(f"{ADDRESS}/observations", params={"epoch": epoch, "limit": 1000}).json()
+    lists["accepted"] = sorted(row["id"] for row in accepted["rows"])
+    return lists
+
+
+def heights(client, epoch):
+    rows = client.get(f"{ADDRESS}/epochs/{epoch}").json()["points"]
+    return {r["name"]: (r["z"], r["sigma_z_mm"]) for r in rows if r.get("sigma_z_mm")}
+
+
+@pytest.mark.parametrize("epoch", [2, 4], ids=["ended", "present"])
+def test_every_decision_of_people_is_taken_back_completely(tmp_path, epoch):
+    """Also after a restart between the two."""
+    with served(tmp_path, epochs="1 h", more=ALARM) as client:
+        ident = played(client, 4, epoch - 1)["id"]
+        before = shown(client, epoch)
+        result = client.get(f"{ADDRESS}/epochs/3").json()
+        places = heights(client, epoch) if epoch == 2 else None
+        assert [r["id"] for r in before["rejected"]] == [ident]
+    good = before["accepted"][:3]
+    for do, back in [("accept", "rejected"), *[("discard", "observations")] * 3]:
+        ids = [ident] if do == "accept" else [good.pop()]
+        with served(tmp_path, epochs="1 h", more=ALARM) as client:
+            decided(client, do, epoch, *ids)
+            where = "observations" if do == "accept" else "rejected"
+            (row,) = (r for r in listed(client, epoch, where) if r["id"] == ids[0])
+            assert row["revocable"] and row["decision"]["do"] == do
+            assert row["decision"]["by"] == "loopback"
+        with served(tmp_path, epochs="1 h", more=ALARM) as client:
+            decided(client, "revoke", epoch, *ids)
+            (row,) = (r for r in listed(client, epoch, back) if r["id"] == ids[0])
+            assert not row["revocable"] and row["decision"]["do"] == "revoke"
+            assert shown(client, epoch) == before
+            if places is not None:
+                for name, (z, sigma) in heights(client, epoch).items():
+                    assert abs(z - places[name][0]) <= 1e-9 * 1e-3 * sigma
+            after = client.get(f"{ADDRESS}/epochs/3").json()
+            for a, b in zip(after["displacements"], result["displacements"], strict=True):
+                assert a["name"] == b["name"] and a["dz_mm"] == pytest.approx(b["dz_mm"], abs=1e-6)
+            (answer,) = client.post(
+                f"{ADDRESS}/postings", json=[{"do": "revoke", "epoch": epoch, "ids": ids}]
+            ).json()
+            assert not answer["ok"] and "no decision by hand" in answer["error"][0]["what"]
+    with served(tmp_path, epochs="1 h", more=ALARM) as client:
+        found = client.get(f"{ADDRESS}/epochs/{epoch}").json().get("decisions", [])
+        assert [d["do"] for d in found] == ["accept", "revoke", *["discard", "revoke"] * 3]
+        assert all(d["revocable"] == [] for d in found)
+
+
+def test_what_people_took_back_binds_no_search(tmp_path):
+    with served(tmp_path, epochs="1 h") as client:
+        ident, database = played(client, 4, 1)["id"], client.app.state.site.database
+        for do in ("accept", "discard", "revoke"):
+            decided(client, do, 2, ident)
+        assert accepted_by_people(database, "yard", 2) == {ident}
+        found = client.get(f"{ADDRESS}/epochs/2").json()["decisions"]
+        assert [d["revocable"] for d in found] == [[ident], [], []]
+        decided(client, "revoke", 2, ident)
+        assert accepted_by_people(database, "yard", 2) == frozenset()
+
+
 def test_a_decision_about_an_ended_epoch_raises_and_withdraws_alarms(tmp_path):
     with served(tmp_path, epochs="1 h", more=ALARM) as client:
         for hour in range(6):

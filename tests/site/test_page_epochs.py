@@ -88,6 +88,26 @@ def test_a_decision_is_made_by_keyboard_on_a_phone_in_german(browser, server, sc
         assert v.complaints == []
 
 
+def test_a_rejection_is_taken_back_by_keyboard_on_a_phone_in_german(browser, server):
+    server.site.leave_out()
+    options = {"size": PHONE, "language": "de-DE"}
+    with visit(browser, server, at="#/small/epochs/10", **options) as v:
+        v.page.locator(OPENED.format("rejected")).focus()
+        v.page.keyboard.press("Enter")
+        v.sees("[data-id=e2]", "verworfen durch office")
+        assert not v.page.locator("[data-id=e0] [data-act=revoke]").count(), "a test rejected it"
+        v.page.locator("[data-part=rejected] [data-id=e2] [data-act=revoke]").focus()
+        v.page.keyboard.press("Enter")
+        v.sees("dialog", "wieder wie vor der Entscheidung")
+        v.sees("dialog", "Epoche 10 ist beendet")
+        assert audit(v.page, phone=True) == []
+        v.press("Zurücknehmen", within="dialog")
+        v.sees("#say", "ist zurückgenommen")
+        v.sees(OPENED.format("rejected"), "Verworfen (2)")
+        assert server.site.networks["small"].observations["e2"]["state"] == "accepted"
+        assert v.complaints == []
+
+
 def test_a_viewer_reads_reasons_and_decides_nothing(browser, guarded):
     guarded.site.leave_out()
     with visit(browser, guarded, wait=False, blank=True) as v:
@@ -176,12 +196,18 @@ def test_a_reading_of_an_ended_epoch_of_the_service_is_accepted_and_taken_back(b
         _open(v, "decisions")
         item = v.sees("[data-decision=accept] [data-id=wrong]")
         assert "slope distance A C" in item.inner_text()
-        v.page.locator("[data-decision=accept] [data-act=remove]").click()
-        v.sees("dialog", "not in Rejected either")
+        v.page.locator("[data-decision=accept] [data-act=revoke]").click()
+        v.sees("dialog", "The observation is as it was before the decision")
+        v.sees("dialog", "accepted by loopback")
         v.sees("dialog", "Epoch 2 has ended")
-        v.press("Remove", within="dialog")
+        v.press("Take back", within="dialog")
+        v.sees("#say", "is taken back")
         v.sees("#view dl", "Revision3")
-        v.sees("[data-decision=remove]", "slope_distance A C")
+        v.sees("[data-decision=revoke]", "slope_distance A C")
+        again = v.sees("[data-part=rejected] [data-id=wrong]").inner_text().replace("\u00a0", " ")
+        assert "gross error 2" in again and "decision taken back by loopback" in again, again
+        assert "rejected by its test when it arrived" in again
+        v.sees("[data-part=rejected] [data-id=wrong] [data-act=accept]")
         other.go("epochs/3", network="yard")
         assert v.complaints == other.complaints == []
 

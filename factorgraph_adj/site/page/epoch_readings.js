@@ -35,18 +35,19 @@ export function epochReadings(number, signal) {
     const given = (e.decisions ?? []).toReversed();
     decisions.node.hidden = !given.length;
     decisions.summary.textContent = t("with_number", { name: t("decisions"), number: given.length });
-    fill(decided, given.map((d) => decision(d, e, given)));
+    fill(decided, given.map((d) => decision(d, e)));
   };
   return { node: h("section", { "aria-label": t("left_out") }, h("h2", { class: "livehead" }, t("left_out")), note, PATHS.map((p) => lists[p].node), doubts, decisions.node), show };
 }
 
-// What was decided, by whom and when. What somebody has accepted, he may take out again.
-function decision(d, e, given) {
-  const who = d.by === "site" ? t("by_site") : d.by, latest = (id) => given.find((x) => x.ids.includes(id)) === d;
-  const mine = d.do === "accept" && d.by !== "site" && e.state !== "dropped" ? d.ids.filter(latest) : [];
+// What was decided, by whom and when, with what of it can be taken back.
+function decision(d, e) {
+  const who = d.by === "site" ? t("by_site") : d.by;
+  const mine = e.state === "dropped" ? [] : d.revocable ?? [];
+  const verdict = d.do === "accept" ? "accepted" : "rejected";
   const names = d.ids.map((id) => d.labels?.[id] ?? id);
   return h("li", { class: "plain", "data-decision": d.do },
     h("div", { class: "head" }, h("strong", {}, t(`decided_${d.do}`)), h("span", {}, who), h("span", { class: "note" }, moment(d.at, { withSeconds: true }))),
     mine.length ? null : h("div", { class: "why" }, names.length > 5 ? t("n_observations", { n: names.length }) : names.join(", ")),
-    mine.length ? h("ol", { class: "verdicts" }, mine.map((id) => observationItem({ id, verdict: "accepted", label: d.labels?.[id] ?? id, kind: d.kinds?.[id], epoch: e.number }, { only: ["remove"] }).node)) : null);
+    mine.length ? h("ol", { class: "verdicts" }, mine.map((id) => observationItem({ id, verdict, label: d.labels?.[id] ?? id, epoch: e.number, decision: d, revocable: true }, { only: ["revoke"] }).node)) : null);
 }

@@ -6,6 +6,8 @@ const EVENTS = ["arrival", "refused", "epoch", "alarm", "instrument", "problem",
 const MOST_LOGGED = 500;
 // States of the observations that a command names; verdicts in its answer tell more.
 const AFTER = { accept: "accepted", discard: "rejected", remove: "gone", replace: "gone" };
+// Commands after which somebody can take his decision back; after others that name it he cannot.
+const REVOCABLE = ["accept", "discard"], FINAL = ["revoke", "remove", "replace", "reweight"];
 const FIRST_PAUSE = 1000, LONGEST_PAUSE = 15000;
 
 const bus = new EventTarget();
@@ -19,10 +21,12 @@ export const context = {
   epoch: null, // number of the latest epoch that the page has heard of
   log: [], // the latest events, oldest first
   states: new Map(), // latest verdict of observations that the page has heard of, by epoch and id
+  revocable: new Map(), // whether the latest decision about them can be taken back, likewise
   arrivals: new Map(), // when these were measured and came, and who sent them, by epoch and id
 };
 const keyOf = (epoch, id) => `${epoch ?? ""} ${id}`;
 export const stateOf = (epoch, id) => context.states.get(keyOf(epoch, id));
+export const isRevocable = (epoch, id) => context.revocable.get(keyOf(epoch, id));
 export const arrivalOf = (epoch, id) => context.arrivals.get(keyOf(epoch, id)) ?? {};
 export const connection = { state: "connecting", since: now(), heard: null };
 
@@ -130,6 +134,8 @@ function take(entry, fresh) {
   if (entry.event === "arrival") {
     const { epoch, time, at, by } = entry.data, become = (id, state) => context.states.set(keyOf(epoch, id), state);
     for (const id of entry.data.ids ?? []) if (AFTER[answer.do]) become(id, AFTER[answer.do]);
+    const revocable = REVOCABLE.includes(answer.do) && by !== "site";
+    if (revocable || FINAL.includes(answer.do)) for (const id of entry.data.ids ?? []) context.revocable.set(keyOf(epoch, id), revocable);
     for (const v of verdictsOf(answer)) become(v.id, v.verdict);
     for (const id of answer.waits_again ?? []) become(id, "waiting");
     if (isReading(answer)) for (const v of verdictsOf({ ...answer, entered: [] })) context.arrivals.set(keyOf(epoch, v.id), { time, at, by });
@@ -253,7 +259,7 @@ async function fillLog() {
     if (network !== context.network) return;
     const mine = context.log;
     context.log = [];
-    context.states.clear();
+    for (const known of [context.states, context.revocable]) known.clear();
     context.arrivals.clear();
     for (const e of [...found, ...mine]) take({ id: e.id, event: e.event, data: e.data }, false);
     context.log.sort((a, b) => Number(a.id) - Number(b.id));
@@ -268,7 +274,7 @@ export async function useNetwork(name) {
   disconnect();
   resources.clear();
   Object.assign(context, { network: name, summary: null, epoch: null, log: [] });
-  context.states.clear();
+  for (const known of [context.states, context.revocable]) known.clear();
   context.arrivals.clear();
   lastId = null;
   connection.state = "connecting";

@@ -2,7 +2,7 @@
 import { command } from "./api.js";
 import { ask, button, fill, h } from "./dom.js";
 import { fixed, isNumber, kindName, known, labelText, moment, significant, t, word } from "./language.js";
-import { context, hasEnded } from "./live.js";
+import { context, hasEnded, isRevocable } from "./live.js";
 import { act, may, pill, pointLinks } from "./parts.js";
 
 const SAME_SECONDS = 2;
@@ -50,14 +50,16 @@ export function reasonsOf(v) {
 
 // Who has decided that an observation is out, where it is listed as such.
 function decided(v) {
-  const d = v.decision;
-  if (d && d.by !== "site") return [t(`decided_${d.do}`), " ", t("by"), " ", d.by, ", ", moment(d.at, { withSeconds: true })];
-  if (v.verdict === "rejected" && !v.cause) return t("by_test");
-  return v.verdict === "suspect" ? t("undecided") : null;
+  const d = v.decision, given = d && d.by !== "site" ? decisionOf(d) : null;
+  if (given && d.do !== "revoke") return given;
+  const test = v.verdict === "rejected" && !v.cause ? t("by_test") : v.verdict === "suspect" ? t("undecided") : null;
+  return given ? [test, test && " · ", given] : test;
 }
+// What was decided, by whom and when.
+const decisionOf = (d) => [t(`decided_${d.do}`), " ", t("by"), " ", d.by, ", ", moment(d.at, { withSeconds: true })];
 
 // Commands for the state of an observation, in the order of use at the instrument.
-const ACTS = { suspect: ["accept", "reject", "replace"], rejected: ["accept"], accepted: ["remove", "sigma", "replace"], waiting: ["remove"] };
+const ACTS = { suspect: ["accept", "reject", "replace"], rejected: ["accept"], accepted: ["reject", "sigma", "replace", "remove"], waiting: ["remove"] };
 
 const of = (v) => (isNumber(v.epoch) ? { epoch: v.epoch } : {});
 async function run(row, what, v, done) {
@@ -67,7 +69,15 @@ async function run(row, what, v, done) {
     const sure = !ended || await ask({ title: t("accept_title", { name }), content: h("p", {}, t("accept_ended", { number: v.epoch })), agree: t("accept"), cancel: t("cancel") });
     return sure && act(row, { do: "accept", ...about }, () => (done("accepted"), t("accepted_done", { name })));
   }
-  if (what === "reject") return act(row, { do: "discard", ...about }, () => (done("rejected"), t("rejected_done", { name })));
+  if (what === "reject") {
+    const sure = !ended || await ask({ title: t("reject_title", { name }), content: h("p", {}, t("ended_what", { number: v.epoch })), agree: t("reject"), cancel: t("cancel") });
+    return sure && act(row, { do: "discard", ...about }, () => (done("rejected"), t("rejected_done", { name })));
+  }
+  if (what === "revoke") {
+    const d = v.decision, given = d && d.do !== "revoke" ? h("p", {}, decisionOf(d)) : null;
+    const sure = await ask({ title: t("revoke_title", { name }), content: [given, h("p", {}, t("revoke_what")), ended ? h("p", {}, t("ended_what", { number: v.epoch })) : null], agree: t("revoke"), cancel: t("cancel") });
+    return sure && act(row, { do: "revoke", ...about }, (answer) => (done(answer.verdicts?.find((x) => x.id === v.id)?.verdict ?? "accepted"), t("revoked_done", { name })));
+  }
   if (what === "remove") {
     const sure = await ask({ title: t("remove_title", { name }), content: [h("p", {}, t("remove_what")), h("p", {}, t(v.verdict === "waiting" ? "remove_gone" : "remove_accepted")), ended ? h("p", {}, t("ended_what", { number: v.epoch })) : null], agree: t("remove"), cancel: t("cancel"), danger: true });
     return sure && act(row, { do: "remove", ...about }, () => (done("gone"), t("removed_done", { name })));
@@ -127,7 +137,9 @@ export function observationItem(v, { fresh = false, state, reasons = false, only
   const become = (now) => {
     node.dataset.now = now;
     fill(present, now !== v.verdict ? [h("span", { class: "unseen" }, `${t("by_now")} `), pill(now)] : null);
-    const acts = may("surveyor") ? (ACTS[now] ?? []).filter((a) => (a !== "replace" || v.record) && (!only || only.includes(a))) : [];
+    // A command of which the page has heard is later than the list.
+    const revocable = isRevocable(v.epoch, v.id) ?? v.revocable;
+    const acts = may("surveyor") ? [...(revocable ? ["revoke"] : []), ...(ACTS[now] ?? [])].filter((a) => (a !== "replace" || v.record) && (!only || only.includes(a))) : [];
     fill(buttons, acts.map((a) => button(t(a), () => run(buttons, a, v, become), { "data-act": a, "aria-label": `${t(a)}: ${nameOf(v)}` })));
     buttons.hidden = !acts.length;
   };
