@@ -1,7 +1,8 @@
 """Alarms in the database: raised, acknowledged, silenced, cleared; messages that are to be sent.
 
 An alarm stands from when it is raised until it is cleared, whatever people do: who acknowledges it
-says that he knows, who silences it stops its messages for a time.
+says that he knows, who silences it stops its messages for a time. One that was cleared before
+anybody knew of it wants attention (``ended``) until it is acknowledged.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from ..control_characters import one_line
 from ..errors import InputError
 from .database import Database
 
@@ -20,6 +22,10 @@ if TYPE_CHECKING:
 
 MAX_SILENCE_HOURS = 24.0 * 31.0
 """Longest time for which an alarm can be silenced, hours."""
+MAX_LETTERS_OF_REMARK = 500
+"""Largest number of characters of what somebody remarks about an alarm."""
+STATES = ("standing", "ended", "all")
+"""Lists of alarms: those that are not cleared, those that were before anybody acknowledged them."""
 MAX_LISTED = 500
 """Largest number of alarms in a list."""
 
@@ -243,7 +249,8 @@ class AlarmLog:
         """Return alarms, the latest first.
 
         Args:
-            state: ``standing`` (all that are not cleared) or ``all``.
+            state: ``standing`` (all that are not cleared), ``ended`` (cleared, and acknowledged by
+                nobody) or ``all``.
             network: id of a network; None: of all.
             point: only those of this point.
 
@@ -254,10 +261,12 @@ class AlarmLog:
 
         from .tables import alarms
 
-        if state not in ("standing", "open", "all"):
-            raise InputError(f"unknown state {state!r}; valid: standing, all")
+        if state not in STATES:
+            raise InputError(f"unknown state {state!r}; valid: {', '.join(STATES)}")
         wanted = select(alarms).order_by(alarms.c.raised.desc(), alarms.c.id.desc())
-        if state != "all" and not point:
+        if state == "ended":
+            wanted = wanted.where(alarms.c.cleared.is_not(None), alarms.c.acknowledged.is_(None))
+        elif state == "standing" and not point:
             wanted = wanted.where(alarms.c.cleared.is_(None))
         if network is not None:
             wanted = wanted.where(alarms.c.network == network)
@@ -267,13 +276,22 @@ class AlarmLog:
             rows = connection.execute(wanted.limit(MAX_LISTED)).all()
         return [self._shown(r) for r in rows]
 
-    def acknowledge(self, number: int, who: str) -> Answer:
-        """Note that somebody knows of an alarm.
+    def acknowledge(self, number: int, who: str, remark: str = "") -> Answer:
+        """Note that somebody knows of an alarm, which stands or has been cleared.
+
+        Args:
+            number: its id.
+            who: who knows of it.
+            remark: what he remarks; empty: nothing.
 
         Raises:
-            InputError: there is no such alarm, or it is cleared.
+            InputError: there is no such alarm, or it was cleared and acknowledged before; the
+                remark is too long.
         """
-        return self._change(number, acknowledged=clock.time(), acknowledged_by=who)
+        said = {"remark": text} if (text := one_line(remark).strip()) else {}
+        if len(text) > MAX_LETTERS_OF_REMARK:
+            raise InputError(f"remark has more than {MAX_LETTERS_OF_REMARK} characters")
+        return self._change(number, said, acknowledged=clock.time(), acknowledged_by=who)
 
     def silence(self, number: int, who: str, hours: float) -> Answer:
         """Send no messages about an alarm for a time.
@@ -284,9 +302,10 @@ class AlarmLog:
         if not 0.0 <= hours <= MAX_SILENCE_HOURS:
             raise InputError(f"hours must be 0 to {MAX_SILENCE_HOURS:g}, not {hours:g}")
         until = clock.time() + 3600.0 * hours
-        return self._change(number, silenced_until=until, acknowledged_by=who)
+        return self._change(number, {}, silenced_until=until, acknowledged_by=who)
 
-    def _change(self, number: int, **values: object) -> Answer:
+    def _change(self, number: int, said: Answer, **values: object) -> Answer:
+        """Change the row of an alarm, and add to what it says; return it as it is then."""
         from sqlalchemy import select, update
 
         from .tables import alarms
@@ -295,8 +314,12 @@ class AlarmLog:
             row = connection.execute(select(alarms).where(alarms.c.id == number)).first()
             if row is None:
                 raise InputError(f"no alarm {number}")
-            if row.cleared is not None:
+            if row.cleared is not None and "acknowledged" not in values:
                 raise InputError(f"alarm {number} is cleared")
+            if row.cleared is not None and row.acknowledged is not None:
+                raise InputError(f"alarm {number} is cleared, and was acknowledged")
+            if said:
+                values["data"] = json.dumps(json.loads(row.data) | said)
             connection.execute(update(alarms).where(alarms.c.id == number).values(**values))
             row = connection.execute(select(alarms).where(alarms.c.id == number)).one()
         return self._shown(row)

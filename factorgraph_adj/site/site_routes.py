@@ -94,15 +94,24 @@ def instruments(site: TheSite, caller: Reader) -> list[Answer]:
 def alarms(
     site: TheSite, caller: Reader, state: str = "standing", network: str = "", point: str = ""
 ) -> list[Answer]:
-    """Return alarms: ``state`` standing or all; of a network; the log of a point."""
+    """Return alarms: ``state`` standing, ended or all; of a network; the log of a point.
+
+    Those of ``ended`` have been cleared before anybody acknowledged them.
+    """
     of = site.network(network).id if network else None
     return site.alarms.listed(state=state, network=of, point=point)
 
 
 @site_router.post("/alarms/{alarm}/acknowledge")
-def acknowledge(site: TheSite, caller: Decider, alarm: RowNumber) -> Answer:
-    """Note that the caller knows of an alarm."""
-    return _changed_alarm(site, caller, "acknowledge", site.alarms.acknowledge(alarm, caller.name))
+def acknowledge(
+    site: TheSite,
+    caller: Decider,
+    alarm: RowNumber,
+    remark: Annotated[str, Body(embed=True)] = "",
+) -> Answer:
+    """Note that the caller knows of an alarm that stands, or has ended, and what he remarks."""
+    found = site.alarms.acknowledge(alarm, caller.name, remark)
+    return _changed_alarm(site, caller, "acknowledge", found)
 
 
 @site_router.post("/alarms/{alarm}/silence")
@@ -116,7 +125,8 @@ def silence(
 
 def _changed_alarm(site: Site, caller: Caller, action: str, alarm: Answer) -> Answer:
     """Record a decision about an alarm, and tell all readers."""
-    site.record_action(caller.name, f"{action} alarm", {"alarm": alarm["id"]})
+    said = {k: alarm[k] for k in ("remark",) if k in alarm and action == "acknowledge"}
+    site.record_action(caller.name, f"{action} alarm", {"alarm": alarm["id"], **said})
     network = site.network(alarm["network"]).id if alarm["network"] else None
     site.events.record("alarm", {"alarm": alarm}, at=clock.time(), network=network)
     return alarm

@@ -113,16 +113,16 @@ def application(site: CannedSite, *, tokens: bool) -> Any:
 
     async def alarm(request: Any) -> Any:
         what, body = request.path_params["what"], await request.json()
-        return site.decide_alarm(
-            int(request.path_params["id"]), what, role(request) or "", body.get("hours", 0.0)
-        )
+        return site.decide_alarm(int(request.path_params["id"]), what, role(request) or "", **body)
 
     def alarms(request: Any) -> Any:
         point = request.query_params.get("point")
         if point is not None:
             return [a for a in site.alarms if point in a["points"]]
-        ended = request.query_params.get("state") == "all"
-        return [a for a in site.alarms if ended or a["state"] != "closed"]
+        if request.query_params["state"] == "ended":
+            closed = [a for a in site.alarms if a["state"] == "closed"]
+            return [a for a in closed if a["acknowledged"] is None]
+        return [a for a in site.alarms if a["state"] != "closed"]
 
     async def close(request: Any) -> Any:
         site.close_epoch(request.path_params["network"])

@@ -455,17 +455,20 @@ class CannedSite:
         self.tell("alarm", alarm["network"], alarm=alarm)
         return alarm
 
-    def decide_alarm(self, number: int, what: str, by: str, hours: float = 0.0) -> Record:
+    def decide_alarm(
+        self, number: int, what: str, by: str, hours: float = 0.0, remark: str = ""
+    ) -> Record:
         """Acknowledge or silence an alarm; one that is silent stays so when it is acknowledged."""
         found = next(a for a in self.alarms if a["id"] == number)
         found["by"] = by
         if what == "acknowledge":
-            found["acknowledged"] = time()
+            found |= {"acknowledged": time()} | ({"remark": remark} if remark else {})
         else:
             found["silenced_until"] = time() + 3600 * hours
         silent = (found["silenced_until"] or 0.0) > time()
         known = "open" if found["acknowledged"] is None else "acknowledged"
-        found["state"] = "silenced" if silent else known
+        if found["state"] != "closed":
+            found["state"] = "silenced" if silent else known
         self.tell("alarm", found["network"], alarm=found)
         return found
 

@@ -220,6 +220,42 @@ def test_an_alarm_leads_to_its_points_and_stays_when_it_has_ended(browser, serve
         v.sees("#ended-alarms a", "D4")
 
 
+@pytest.mark.parametrize("language", ["en-GB", "de-DE"])
+def test_alarms_that_have_ended_are_acknowledged_by_keys_on_a_phone(browser, server, language):
+    """Each leaves what wants attention; the log of its point keeps it, with who and why."""
+    first, other = (server.site.raise_alarm(r, points=["D4"]) for r in ("crest", "wall"))
+    for alarm in (first, other):
+        alarm |= {"state": "closed", "until": alarm["since"] + 20}
+    texts = {
+        "en-GB": ("2 alarms have ended", "1 alarm has ended", "which has ended", "Remark"),
+        "de-DE": ("2 Alarme sind beendet", "1 Alarm ist beendet", "der beendet ist", "Bemerkung"),
+    }
+    several, one, asked, remark = texts[language]
+    with visit(browser, server, size=PHONE, language=language) as v:
+        v.sees("#ended-alarms summary", several).focus()
+        v.page.keyboard.press("Enter")
+        v.page.keyboard.press("Tab")
+        v.page.locator(f"[data-key=ack-{first['id']}]").focus()
+        v.page.keyboard.press("Enter")
+        v.sees("dialog", asked)
+        assert audit(v.page, phone=True) == []
+        v.page.get_by_label(remark).fill("survey of the crest: nothing moved")
+        v.page.keyboard.press("Enter")
+        v.sees("#ended-alarms summary", one)
+        assert first["acknowledged"] and first["state"] == "closed" and not other["acknowledged"]
+        v.holds("key => document.activeElement.dataset.key === key", f"ack-{other['id']}")
+        v.page.keyboard.press("Enter")
+        v.sees("dialog", asked)
+        v.page.keyboard.press("Enter")
+        v.page.wait_for_selector("#ended-alarms[hidden]", state="attached")
+        assert other["acknowledged"] and "remark" not in other
+        v.go("points/D4")
+        v.sees(f"[data-alarm='{first['id']}'] .why", "survey of the crest: nothing moved")
+        v.sees(f"[data-alarm='{first['id']}'] .why", first["by"])
+        assert v.page.locator("[data-alarm] [data-key^=ack]").count() == 0
+        assert v.complaints == []
+
+
 def test_alarms_are_acknowledged_and_silenced(browser, server):
     alarm = server.site.raise_alarm()
     with visit(browser, server) as v:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import time
+
 import numpy as np
 import pytest
 from sqlalchemy import select
@@ -14,7 +17,7 @@ from factorgraph_adj.site import surveillance
 from factorgraph_adj.site.alarm_notices import body_of
 from factorgraph_adj.site.alarm_tables import SilenceRule, read_alarms
 from factorgraph_adj.site.site_file import read_site
-from factorgraph_adj.site.tables import notices
+from factorgraph_adj.site.tables import actions, notices
 from tests.support.sites import (
     ADDRESS,
     ALARM,
@@ -123,6 +126,45 @@ def test_an_alarm_is_acknowledged_and_silenced(tmp_path):
         assert silenced["state"] == "silenced" and silenced["by"] == "loopback"
         assert client.post(f"{address}/silence", json={"hours": 1e6}).status_code == 422
         assert client.post("/api/v1/alarms/99/acknowledge").status_code == 422
+
+
+def test_an_alarm_that_ended_is_acknowledged_with_a_remark(tmp_path):
+    """Then it wants no attention any more; the log and the events keep who, when and why."""
+    with served(tmp_path, epochs="1 h", more=ALARM) as client:
+        for hour in range(9):
+            post(client, readings(hour, 0.01 if 3 <= hour < 6 else 0.0))
+        assert client.get("/api/v1/alarms").json() == []
+        (alarm,) = client.get("/api/v1/alarms", params={"state": "ended"}).json()
+        assert alarm["state"] == "closed" and alarm["acknowledged"] is None
+        address, before = f"/api/v1/alarms/{alarm['id']}", time.time()
+        too_long = client.post(f"{address}/acknowledge", json={"remark": 501 * "x"})
+        assert too_long.status_code == 422 and "500 characters" in too_long.text
+        told = client.post(
+            f"{address}/acknowledge", json={"remark": " crane\nmoved \x00 it "}
+        ).json()
+        assert told["remark"] == "crane moved \\x00 it" and told["by"] == "loopback"
+        assert told["state"] == "closed" and before <= told["acknowledged"] <= time.time()
+        assert told | {"remark": None} == alarm | {k: told[k] for k in ("by", "acknowledged")} | {
+            "remark": None
+        }
+        assert client.get("/api/v1/alarms", params={"state": "ended"}).json() == []
+        assert client.get("/api/v1/alarms", params={"state": "all"}).json() == [told]
+        assert client.get("/api/v1/alarms", params={"point": "C"}).json() == [told]
+        event = [e for e in client.get(f"{ADDRESS}/events").json() if e["event"] == "alarm"][-1]
+        assert event["data"]["alarm"] == told
+        with client.app.state.site.database.reading() as connection:
+            (action,) = connection.execute(select(actions)).all()
+        said = {"alarm": alarm["id"], "remark": told["remark"]}
+        assert (action.who, json.loads(action.data)) == ("loopback", said)
+        again = client.post(f"{address}/acknowledge")
+        assert again.status_code == 422 and "was acknowledged" in again.text
+        assert client.post(f"{address}/silence", json={"hours": 1}).status_code == 422
+    with served(tmp_path, epochs="1 h", more=ALARM) as client:
+        late = {**readings(3)[0], "id": "late"}
+        post(client, [late])
+        yard_of(client.app.state.site).close_stale()
+        (alarm,) = client.get("/api/v1/alarms", params={"state": "all"}).json()
+        assert alarm["remark"] == told["remark"] and alarm["acknowledged"] == told["acknowledged"]
 
 
 def test_a_restart_continues_the_monitoring(tmp_path):

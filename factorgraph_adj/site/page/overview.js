@@ -4,11 +4,14 @@ import { ask, button, figures, fill, h } from "./dom.js";
 import { fixed, isNumber, language, moment, t, word } from "./language.js";
 import { context, here, on, peek, watch } from "./live.js";
 import { act, link, may, part, pill, pointLinks, problemOf } from "./parts.js";
-import { alarmSentence, alarmUntil, alarmsOf, countsOf, instrumentsOf, light, sigma0Of } from "./state.js";
+import { alarmSentence, alarmUntil, alarmsOf, countsOf, instrumentsOf, light, ofNetwork, sigma0Of } from "./state.js";
 import { symbol } from "./symbols.js";
 
 const MOST_PROBLEMS = 5;
 const MOST_ENDED = 20;
+// The alarm that was acknowledged last after it had ended, until it has left the list.
+let acknowledged = null;
+const MOST_LETTERS = 500; // of a remark that the service takes
 const MOST_HOURS = 744; // of silence that the service takes
 
 export function overview(root, _, signal) {
@@ -58,10 +61,16 @@ export function overview(root, _, signal) {
   watch(here(""), draw(numbers, drawNumbers), { events: ["arrival", "epoch"], least: 1000, signal });
   watch("alarms?state=standing", draw(alarms, (found) => drawAlarms(alarms.body, found)), { events: ["alarm"], every: 30000, signal });
   // What has ended by itself may still be news to somebody.
-  watch(`alarms?state=all&network=${encodeURIComponent(context.network)}`, ({ data }) => {
-    const unseen = (data ?? []).filter((a) => a.state === "closed" && !isNumber(a.acknowledged));
+  watch("alarms?state=ended", ({ data }) => {
+    const unseen = (data ?? []).filter(ofNetwork);
     ended.hidden = !unseen.length;
-    if (unseen.length) fill(ended, h("summary", {}, t("alarms_ended", { n: unseen.length })), h("ul", { class: "verdicts" }, unseen.slice(0, MOST_ENDED).map(alarmItem)));
+    fill(ended, unseen.length ? [h("summary", {}, t("alarms_ended", { n: unseen.length })), h("ul", { class: "verdicts" }, unseen.slice(0, MOST_ENDED).map(alarmItem))] : null);
+    // Who acknowledges several by keys goes on with the next one.
+    const gone = acknowledged !== null && !unseen.some((a) => a.id === acknowledged);
+    if (gone) {
+      acknowledged = null;
+      if (document.activeElement === document.body) ended.querySelector("[data-key]")?.focus();
+    }
   }, { events: ["alarm"], least: 2000, signal });
   watch("instruments", draw(health, (found) => {
     const own = instrumentsOf(found);
@@ -82,8 +91,18 @@ function drawAlarms(box, found) {
 export function alarmItem(a) {
   const row = h("div", { class: "row" });
   const post = (what, body, said) => act(row, () => request("POST", `alarms/${encodeURIComponent(a.id)}/${what}`, body), said);
-  if (may("surveyor") && a.state !== "closed" && !isNumber(a.acknowledged))
-    row.append(button(t("acknowledge"), () => post("acknowledge", {}, () => t("acknowledged_done", { rule: a.rule })), { "data-key": `ack-${a.id}` }));
+  if (may("surveyor") && !isNumber(a.acknowledged))
+    row.append(button(t("acknowledge"), async () => {
+      const said = () => t("acknowledged_done", { rule: a.rule });
+      if (a.state !== "closed") return post("acknowledge", {}, said);
+      const given = await ask({
+        title: t("acknowledge_ended", { rule: a.rule }), agree: t("acknowledge"), cancel: t("cancel"),
+        content: [h("p", {}, alarmSentence(a)), h("label", { class: "field" }, t("remark"), h("input", { name: "remark", type: "text", maxlength: MOST_LETTERS }))],
+      });
+      if (!given) return null;
+      acknowledged = a.id; // the event may come before the answer
+      return post("acknowledge", { remark: given.get("remark") }, said);
+    }, { "data-key": `ack-${a.id}` }));
   if (may("surveyor") && a.state !== "silenced" && a.state !== "closed")
     row.append(button(t("silence"), async () => {
       const given = await ask({
@@ -109,6 +128,7 @@ export function alarmItem(a) {
       isNumber(a.acknowledged) && [word("state", "acknowledged"), " ", moment(a.acknowledged)],
       a.state === "silenced" && a.silenced_until && [t("silenced_until"), " ", moment(a.silenced_until)],
       a.by && `${t("by")} ${a.by}`,
+      a.remark && `${t("remark")}: ${a.remark}`,
       isNumber(a.false_alarms_per_month) && t("false_alarms", { rate: a.false_alarms_per_month }),
     ].filter(Boolean).map((part, i) => [i ? " · " : "", part])),
     row.childElementCount ? row : null);

@@ -9,7 +9,7 @@ export const ALARMS = "alarms?state=standing", INSTRUMENTS = "instruments";
 export const countsOf = (summary) => summary?.counts ?? {};
 export const sigma0Of = (summary) => countsOf(summary).sigma0 ?? summary?.sigma0;
 
-const ofNetwork = (record) => !record.network || record.network === context.network;
+export const ofNetwork = (record) => !record.network || record.network === context.network;
 export const alarmsOf = (alarms) => (alarms ?? []).filter((a) => ofNetwork(a) && a.state !== "closed");
 export const instrumentsOf = (found) => (found ?? []).filter(ofNetwork);
 
