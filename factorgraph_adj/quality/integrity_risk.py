@@ -51,9 +51,13 @@ NEWTON_STEPS = 60
 """Largest number of steps to a quantile."""
 SHAPES = 16
 """Number of steps in which the ratio of two axes of an error ellipsoid is rounded up."""
-LONGEST = 16.0
+LONGEST = 17.0
 """Longest vector whose probability is computed, relative to σ along its longest axis."""
-LENGTHS = 1000
+SMALLEST_RISK = 1e-60
+"""Smallest risk of which a level is computed: `LONGEST` and the laws of tests reach no farther."""
+TAIL_ACCURACY = 1e-12
+"""Accuracy of a tail whose quantile is computed, relative to it."""
+LENGTHS = 1700
 """Number of lengths between which quantiles of lengths are interpolated."""
 DIRECTIONS = 24
 """Number of directions over a quarter of an ellipse, or over an octant in each of two angles."""
@@ -105,7 +109,7 @@ def folded_quantile(mean: Array, tail: Array) -> Array:
         slope = np.exp(-0.5 * (mean - out) ** 2) + np.exp(-0.5 * (mean + out) ** 2)
         step = excess * np.sqrt(2.0 * np.pi) / np.maximum(slope, 1e-300)
         step = np.clip(step, -1.0, 1.0)
-        step = np.where(np.abs(excess) > 1e-15, step, 0.0)
+        step = np.where(np.abs(excess) > TAIL_ACCURACY * tail, step, 0.0)
         out = np.maximum(out + step, 0.0)
         if not np.any(np.abs(step) > 1e-10):
             break
@@ -141,12 +145,15 @@ def protection_level(
     Args:
         sigma: standard deviations, (n,); 0: the coordinate is held, and its level is 0.
         slope: slopes G, largest bias for each unit of λ, (n,); infinite ones give infinite levels.
-        risk: risk that L keeps whatever the size of the fault.
+        risk: risk that L keeps whatever the size of the fault; below `SMALLEST_RISK` levels are
+            infinite.
         alpha: probability α0 of a false alarm of one test.
         dof: largest degrees of freedom of a test.
     """
-    nodes, levels = _level_nodes(risk, alpha, dof)
     moving = sigma > 0.0
+    if risk < SMALLEST_RISK:
+        return np.where(moving, np.inf, 0.0)
+    nodes, levels = _level_nodes(risk, alpha, dof)
     ratio = np.where(moving, slope, 0.0) / np.where(moving, sigma, 1.0)
     with np.errstate(invalid="ignore"):
         at = np.interp(ratio, nodes, levels)
@@ -165,7 +172,7 @@ def risk_at(level: Array, sigma: Array, slope: Array, alpha: float, *, dof: int 
         alpha: probability α0 of a false alarm of one test.
         dof: largest degrees of freedom of a test.
     """
-    size = np.linspace(0.0, 12.0 + dof, 2000)
+    size = np.linspace(0.0, 20.0 + dof, 4000)
     hidden = missed_detection(size, alpha, dof)
     out = np.empty(len(level))
     for i, (one, s, g) in enumerate(
@@ -186,12 +193,14 @@ def vector_level(axes: Array, slope: Array, risk: float, alpha: float, *, dof: i
         alpha: as there.
         dof: as there.
     """
+    ordered = np.sort(axes, axis=1)[:, ::-1]
+    largest = ordered[:, 0]
+    if risk < SMALLEST_RISK:
+        return np.where(largest > 0.0, np.inf, 0.0)
     tail, hidden = hidden_noncentralities(risk, alpha, dof)
     out = np.zeros(len(axes))
     if not len(tail):
         return out
-    ordered = np.sort(axes, axis=1)[:, ::-1]
-    largest = ordered[:, 0]
     safe = np.where(largest > 0.0, largest, 1.0)
     shapes = np.ceil(np.round(SHAPES * ordered[:, 1:] / safe[:, None], 9)).astype(int)
     for shape in np.unique(shapes, axis=0).tolist():

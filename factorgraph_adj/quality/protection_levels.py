@@ -53,7 +53,7 @@ from ..solve.solution import Solution
 from ..statistical_tests import ALPHA_OF_OBSERVATION, POWER_OF_TEST
 from ..types import Array, Index
 from .fault_modes import FaultModes, WorstModes
-from .integrity_risk import protection_level, vector_level
+from .integrity_risk import SMALLEST_RISK, protection_level, vector_level
 from .rejections import Snooping
 from .reliability import Reliability, reliability
 
@@ -224,7 +224,9 @@ def protection_levels(
 
     Args:
         result: an adjustment, its reliability, or data snooping.
-        risk: integrity risk ρ of each level, a probability in (0, 1); 10⁻³ unless it is stated.
+        risk: integrity risk ρ of each level, a probability from 10⁻⁶⁰ to 1; 10⁻³ unless it is
+            stated. Where tests have rejected many readings, the share of their outcome may be
+            less: its levels are infinite.
         faults: largest number of readings with gross errors.
         alpha: probability α0 of a false alarm of one test; None: that of the reliability or of data
             snooping, 0.1 % for an adjustment alone.
@@ -238,9 +240,9 @@ def protection_levels(
         and in space, with plan and height as of the horizon of each point.
 
     Raises:
-        InputError: a risk outside (0, 1), another number of faults, unknown points, an estimated
-            σ0, covariances that refer to other points (`s_transform`), a negative number of
-            rejected observations, or one beside a `Snooping`.
+        InputError: a risk outside [10⁻⁶⁰, 1), another number of faults, unknown points, an
+            estimated σ0, covariances that refer to other points (`s_transform`), a negative number
+            of rejected observations, or one beside a `Snooping`.
         AdjustmentError: as `reliability`.
     """
     snooping = result if isinstance(result, Snooping) else None
@@ -295,8 +297,8 @@ def _refuse(
             f"rejected is {rejected}: give a number from 0 with an adjustment, and none with the "
             "result of data snooping, which knows its own"
         )
-    if not 0.0 < risk < 1.0:
-        problems.append(f"risk must lie between 0 and 1, not {risk}")
+    if not SMALLEST_RISK <= risk < 1.0:
+        problems.append(f"risk must lie between {SMALLEST_RISK:g} and 1, not {risk:g}")
     if faults not in (1, 2):
         problems.append(f"faults must be 1 or 2, not {faults}")
     if solution.variance == "a-posteriori" or (snooping is not None and snooping.test == "pope"):

@@ -9,6 +9,7 @@ from math import comb
 
 import numpy as np
 import pytest
+from scipy.special import erfc
 from scipy.stats import binom
 
 import factorgraph_adj as fga
@@ -19,6 +20,7 @@ from factorgraph_adj.quality.integrity_risk import (
     missed_detection,
     protection_level,
     risk_at,
+    vector_level,
 )
 from factorgraph_adj.quality.protection_levels import FIGURES, ProtectionLevels
 from factorgraph_adj.types import Array
@@ -37,7 +39,7 @@ def adjusted(kind: str) -> fga.Solution:
     return fga.adjust(measure(NETWORKS[kind](), seed=0))
 
 
-@pytest.mark.parametrize("risk", [1e-2, 1e-4])
+@pytest.mark.parametrize("risk", [1e-2, 1e-4, 1e-13, 1e-18, 1e-30])
 @pytest.mark.parametrize("dof", [1, 3])
 def test_a_level_has_the_risk_at_the_worst_size(risk: float, dof: int) -> None:
     slope = np.array([0.0, 0.2, 1.0, 4.0, 40.0])
@@ -45,6 +47,29 @@ def test_a_level_has_the_risk_at_the_worst_size(risk: float, dof: int) -> None:
     found = risk_at(level, np.full(5, 2.0), slope, 1e-3, dof=dof)
     assert np.all(found <= risk * (1.0 + 1e-4))
     assert np.all(found >= risk * 0.98)
+
+
+@pytest.mark.parametrize("risk", [1e-4, 1e-13, 1e-20, 1e-40, 1.1e-60])
+def test_a_length_has_the_risk_however_small_it_is(risk: float) -> None:
+    """Rayleigh and Maxwell: P(|ε| > t) = exp(−t²/2), and erfc(t/√2) + √(2/π) t exp(−t²/2)."""
+    plane, space = (
+        float(vector_level(np.ones((1, k)), np.zeros(1), risk, 1e-3)[0]) for k in (2, 3)
+    )
+    # Without a fault a test fails in α = 0.1 % of the cases, which need no bound.
+    assert np.exp(-0.5 * plane**2) == pytest.approx(risk / 0.999, rel=1e-2)
+    tail = erfc(space / 2**0.5) + (2.0 / np.pi) ** 0.5 * space * np.exp(-0.5 * space**2)
+    assert tail == pytest.approx(risk / 0.999, rel=1e-2)
+
+
+def test_a_risk_too_small_to_compute_bounds_nothing() -> None:
+    """Many rejected readings have many outcomes, of which each has its share of the risk."""
+    for level in (
+        protection_level(np.array([1.0, 0.0]), np.zeros(2), 1e-70, 1e-3),
+        vector_level(np.array([[1.0, 1.0], [0.0, 0.0]]), np.zeros(2), 1e-70, 1e-3),
+    ):
+        assert level.tolist() == [np.inf, 0.0]
+    with pytest.raises(InputError, match="risk must lie between 1e-60 and 1"):
+        fga.protection_levels(adjusted("slope_distance"), risk=1e-70)
 
 
 def test_a_test_is_missed_as_often_as_its_law_says() -> None:
@@ -290,7 +315,7 @@ def test_an_incremental_adjustment_that_rejects_keeps_the_risk() -> None:
 def test_what_has_no_level_is_refused() -> None:
     network = polar()
     solution = fga.adjust(network)
-    with pytest.raises(InputError, match="risk must lie between 0 and 1"):
+    with pytest.raises(InputError, match="risk must lie between 1e-60 and 1"):
         fga.protection_levels(solution, risk=0.0)
     with pytest.raises(InputError, match="faults must be 1 or 2"):
         fga.protection_levels(solution, faults=3)  # type: ignore[arg-type]

@@ -164,6 +164,27 @@ def test_a_significant_displacement_in_height_is_marked_with_its_sign(browser, s
         assert dict(v.page.evaluate(heights))["D4"] == "↑ +3.4\u00a0mm"
 
 
+@pytest.mark.parametrize("size", [DESK, PHONE], ids=["desk", "phone"])
+def test_names_and_heights_cover_neither_each_other_nor_the_points(browser, server, size):
+    with visit(browser, server, size=size, at="#/small/plan") as v:
+        _drawn(v, 7)
+        v.holds("() => planForTests.heights?.size === 2 && planForTests.named.size >= 5")
+        names = v.page.evaluate("[...planForTests.named].map(i => planForTests.points.names[i])")
+        assert {"D3", "D4"} <= {*names} and len({*names}) == len(names)
+        boxes = v.page.evaluate("planForTests.labels.placed")
+        assert len(boxes) >= len(names)
+        for n, (x, y, wide, high) in enumerate(boxes):
+            assert x >= 0.0 and y >= 0.0
+            for p, q, other_wide, other_high in boxes[:n]:
+                apart = x >= p + other_wide or p >= x + wide or y >= q + other_high or q >= y + high
+                assert apart, boxes
+        script = "planForTests.points.names.map((_, i) => planForTests.toScreen("
+        script += "planForTests.points.x[i], planForTests.points.y[i]))"
+        for u, w in v.page.evaluate(script):
+            for x, y, wide, high in boxes:
+                assert not (x < u < x + wide and y < w < y + high)
+
+
 def test_sights_are_classed_by_their_test_values(browser, server):
     with visit(browser, server, at="#/small/plan") as v:
         _drawn(v, 7)

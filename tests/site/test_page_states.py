@@ -131,6 +131,18 @@ def test_a_network_of_heights_has_no_plan(browser, server):
             assert v.page.locator("canvas:visible").count() == 0
 
 
+def test_a_network_of_heights_shows_no_other_coordinates(browser, server):
+    with _opened(browser, server, "points-levelling", size=DESK) as v:
+        v.sees("thead", "z [m]")
+        heads = v.page.locator("thead th").all_text_contents()
+        assert not any(h.startswith(("x", "y", "σ x", "σ y")) for h in heads), heads
+        row = v.page.locator("tbody tr", has_text="undetermined").locator("td").all_text_contents()
+        assert row[:3] == ["–", "–", "–"]  # no σ of 0 for what nothing determines
+    with _opened(browser, server, "point-levelling", size=DESK) as v:
+        v.sees("[data-figure=z]", "σ")
+        assert v.page.locator("[data-figure=x], [data-figure=y]").count() == 0
+
+
 @pytest.mark.parametrize(
     ("network", "note", "figure"),
     [

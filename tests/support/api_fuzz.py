@@ -16,6 +16,7 @@ from typing import Any
 import schemathesis
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
+from requests.exceptions import InvalidJSONError
 from schemathesis import GenerationMode
 from schemathesis.checks import not_a_server_error
 from schemathesis.core.failures import Failure, FailureGroup
@@ -152,7 +153,7 @@ class ApiFuzz:
         self.asked.roles[role] += 1
         try:
             answer = case.call(headers=self.headers(role))
-        except (UnicodeEncodeError, ValueError) as error:  # what no client can send
+        except (UnicodeEncodeError, ValueError, InvalidJSONError) as error:  # no client can send it
             if "encode" not in str(error) and "JSON" not in str(error):
                 self._note(route, 500, error)
             return

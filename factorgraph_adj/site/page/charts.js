@@ -27,7 +27,7 @@ const layoutOf = (more) => ({
 // `make()` gives {data, layout}; it is called again for each change and when the colours change.
 export async function chart(div, make, signal, config = {}) {
   let Plotly;
-  try { Plotly = await plotly(); } catch { div.textContent = t("no_plotly"); return; }
+  try { Plotly = await plotly(); } catch { div.textContent = t("no_plotly"); div.classList.add("empty"); return; }
   if (signal.aborted) return;
   const draw = () => {
     if (signal.aborted || !div.isConnected) return;

@@ -137,6 +137,6 @@ function epoch(root, number, signal) {
     if (!readings.node.isConnected) fill(box.body, h("div"), readings.node, compared);
     readings.show(e);
     box.body.firstChild.replaceWith(head);
-    fill(compared, rows.length || blocks.length ? h("p", { class: "note" }, axesNote()) : null, blockList, table ? [table.node, h("p", { class: "note" }, t("displacement_test_note"))] : null);
+    fill(compared, rows.length || blocks.length ? [h("h2", { class: "livehead" }, t("movements", { against: e.against ?? "–" })), h("p", { class: "note" }, axesNote())] : null, blockList, table ? [table.node, h("p", { class: "note" }, t("displacement_test_note"))] : null);
   }), { events: ["epoch"], signal });
 }

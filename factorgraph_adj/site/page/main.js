@@ -28,7 +28,8 @@ function login(told = "") {
   frame = null;
   document.title = t("login");
   const problem = h("p", { class: "problem", role: "alert" }, told);
-  const token = h("input", { type: "password", name: "token", autocomplete: "current-password", required: true, autofocus: true });
+  const token = h("input", { type: "password", name: "token", autocomplete: "current-password", required: true });
+  const user = h("input", { type: "text", autocomplete: "username", hidden: true }); // as managers of passwords ask for
   const form = h("form", { on: { submit: async (event) => {
     event.preventDefault();
     problem.textContent = "";
@@ -40,7 +41,7 @@ function login(told = "") {
       fill(problem, error.status === 401 || error.status === 403 ? t("login_wrong") : nodesOf("failed", { reason: reason(error) }));
       token.focus();
     }
-  } } }, h("label", { class: "field" }, t("token"), token), problem, h("div", { class: "row" }, h("button", { type: "submit", class: "main" }, t("login"))));
+  } } }, user, h("label", { class: "field" }, t("token"), token), problem, h("div", { class: "row" }, h("button", { type: "submit", class: "main" }, t("login"))));
   fill(app, h("main", { class: "login" }, h("h1", {}, t("login_title")), h("p", {}, t("login_what")), form, settings(() => login())));
   token.focus();
 }

@@ -1,6 +1,7 @@
 // The plan on a canvas: fast for ten thousand points. While it moves, the last picture is moved;
 // the whole is drawn again when it rests or when a frame is cheap.
 import { colour } from "./dom.js";
+import { Labels } from "./labels.js";
 import { isNumber, mm, t } from "./language.js";
 
 const COLOURS = ["page", "ink", "soft", "point", "held", "ellipse", "photo", "sight", "sight2", "doubt", "aside", "moved", "selected", "line", "amber"];
@@ -11,6 +12,8 @@ const BATCH = 400; // shapes of one path: long paths are slow to fill and stroke
 const LEAST_APART = 14; // pixels between points below which ordinary ones have no names
 const LEAST_ELLIPSE = 2.5; // pixels; smaller ones say nothing
 const AROUND = 28;
+const FONT = "12px system-ui, DejaVu Sans, sans-serif";
+const NORTH = 26; // pixels of the north arrow from the corner
 const MARGIN = 55; // pixels around the points of the whole plan
 const NICE = [1, 2, 5];
 
@@ -335,7 +338,15 @@ export class Plan {
     if (this.shown.photos) this.drawPhotos();
     if (this.shown.ellipses) this.drawEllipses();
     this.drawPoints();
+    this.labels = new Labels(this.w, this.h);
+    this.labels.keep(this.w - NORTH - 8, 0, 16, 50); // the north arrow, which is drawn last
+    if (this.apart() >= LEAST_APART) for (let i = 0; i < this.points.x.length; i++) {
+      const [u, v] = this.toScreen(this.points.x[i], this.points.y[i]);
+      if (this.inside(u, v, 0)) this.labels.point(u, v);
+    }
     this.drawVectors();
+    this.named = new Set();
+    this.drawHeights();
     if (this.shown.names) this.drawNames();
     if (this.cost > CHEAP) {
       this.picture.width = this.canvas.width; this.picture.height = this.canvas.height;
@@ -454,7 +465,6 @@ export class Plan {
 
   drawVectors() {
     const g = this.g, f = this.factor * this.k;
-    this.heights = new Map();
     for (const [moved, look, width] of [[false, "soft", 1.5], [true, "moved", 3]]) {
       g.strokeStyle = g.fillStyle = this.c[look];
       g.lineWidth = width;
@@ -463,7 +473,6 @@ export class Plan {
         const i = this.points.index.get(d.name);
         if (i === undefined) continue;
         const [u, v] = this.toScreen(this.points.x[i], this.points.y[i]);
-        if (showsHeight(d)) this.drawHeight(u, v, d);
         if (!isNumber(d.dx) || !isNumber(d.dy)) continue;
         const du = d.dx * f, dv = -d.dy * f, size = Math.hypot(du, dv);
         if (!(size > 1) || !this.inside(u, v, size)) continue;
@@ -474,46 +483,55 @@ export class Plan {
         g.lineTo(u + du - head * (ex - 0.45 * ey), v + dv - head * (ey + 0.45 * ex));
         g.lineTo(u + du - head * (ex + 0.45 * ey), v + dv - head * (ey - 0.45 * ex));
         g.closePath();
-        if (moved) g.fill(); else g.stroke();
+        if (moved) { g.fill(); this.labels.arrow(u, v, du, dv); } else g.stroke();
       }
     }
   }
 
-  // A displacement in height is no arrow of the plan: a sign and its size.
-  drawHeight(u, v, d) {
-    if (!this.inside(u, v, 60) || (!d.moved && this.apart() < LEAST_APART)) return;
-    const g = this.g, text = d.up < 0 ? `↓ −${mm(-d.up)}` : `↑ +${mm(d.up)}`;
-    this.heights.set(d.name, text);
-    g.font = `${d.moved ? "600 " : ""}12px system-ui, DejaVu Sans, sans-serif`;
+  text(text, x, y, colour) {
+    const g = this.g;
     g.textBaseline = "top";
-    g.save();
-    g.lineWidth = 3; g.strokeStyle = this.c.page; g.strokeText(text, u + 6, v + 4);
-    g.restore();
-    g.fillText(text, u + 6, v + 4);
+    g.lineWidth = 3; g.strokeStyle = this.c.page; g.strokeText(text, x, y);
+    g.fillStyle = colour; g.fillText(text, x, y);
   }
 
-  // Names where there is room: chosen, held, then the others.
+  // A displacement in height is no arrow of the plan: a sign and its size, of significant ones always.
+  drawHeights() {
+    this.heights = new Map();
+    for (const d of [...this.vectors].sort((a, b) => b.moved - a.moved)) {
+      const i = this.points.index.get(d.name);
+      if (i === undefined || !showsHeight(d) || (!d.moved && this.apart() < LEAST_APART)) continue;
+      const [u, v] = this.toScreen(this.points.x[i], this.points.y[i]);
+      if (!this.inside(u, v, 0)) continue;
+      const text = d.up < 0 ? `↓ −${mm(-d.up)}` : `↑ +${mm(d.up)}`;
+      this.g.font = `${d.moved ? "600 " : ""}${FONT}`;
+      const at = this.labels.place(u, v, this.g.measureText(text).width, { side: "below", must: d.moved });
+      if (!at) continue;
+      this.heights.set(d.name, text);
+      this.text(text, ...at, this.c[d.moved ? "moved" : "soft"]);
+    }
+  }
+
+  // The name of a point, once, where there is room; of those that moved always.
+  drawName(i, must = false) {
+    if (this.named.has(i) || this.named.size >= MOST_LABELS) return;
+    const [u, v] = this.toScreen(this.points.x[i], this.points.y[i]), name = this.points.names[i];
+    if (!this.inside(u, v, 0)) return;
+    this.g.font = FONT;
+    const at = this.labels.place(u, v, this.g.measureText(name).width, { must });
+    if (!at) return;
+    this.named.add(i);
+    this.text(name, ...at, this.c.ink);
+  }
+
+  // Names: chosen, moved, held, then the others.
   drawNames() {
-    const g = this.g, { names, x, y, look } = this.points, taken = new Set();
-    g.font = "12px system-ui, DejaVu Sans, sans-serif";
-    g.textBaseline = "bottom";
-    let drawn = 0;
-    const one = (i) => {
-      if (drawn >= MOST_LABELS) return;
-      const [u, v] = this.toScreen(x[i], y[i]);
-      if (!this.inside(u, v, 0)) return;
-      const wide = Math.ceil((names[i].length * 7 + 8) / 24), p = Math.floor((u + 6) / 24), q = Math.floor((v - 4) / 15);
-      for (let k = 0; k < wide; k++) if (taken.has((p + k) * 4096 + q)) return;
-      for (let k = 0; k < wide; k++) taken.add((p + k) * 4096 + q);
-      g.lineWidth = 3; g.strokeStyle = this.c.page; g.strokeText(names[i], u + 6, v - 4);
-      g.fillStyle = this.c.ink; g.fillText(names[i], u + 6, v - 4);
-      drawn++;
-    };
-    if (this.chosen >= 0) one(this.chosen);
-    for (const d of this.vectors) if (d.moved) { const i = this.points.index.get(d.name); if (i !== undefined && i !== this.chosen) one(i); }
-    for (let i = 0; i < x.length; i++) if (look[i] !== "object" && i !== this.chosen) one(i);
+    const { x, look } = this.points;
+    if (this.chosen >= 0) this.drawName(this.chosen, true);
+    for (const d of this.vectors) if (d.moved) { const i = this.points.index.get(d.name); if (i !== undefined) this.drawName(i, this.apart() >= LEAST_APART); }
+    for (let i = 0; i < x.length; i++) if (look[i] !== "object") this.drawName(i);
     if (this.apart() < LEAST_APART) return;
-    for (let i = 0; i < x.length && drawn < MOST_LABELS; i++) if (look[i] === "object" && i !== this.chosen) one(i);
+    for (let i = 0; i < x.length && this.named.size < MOST_LABELS; i++) if (look[i] === "object") this.drawName(i);
   }
 
   // North arrow, scale bars and, where the figures are not current, their time.
@@ -522,10 +540,10 @@ export class Plan {
     const text = (s, u, v, align = "left") => {
       g.textAlign = align; g.lineWidth = 4; g.strokeStyle = this.c.page; g.strokeText(s, u, v); g.fillText(s, u, v); g.textAlign = "left";
     };
-    g.font = "12px system-ui, DejaVu Sans, sans-serif";
+    g.font = FONT;
     g.textBaseline = "alphabetic";
     g.fillStyle = this.c.ink;
-    const nu = this.w - 26, nv = 22;
+    const nu = this.w - NORTH, nv = 22;
     g.beginPath(); g.moveTo(nu, nv); g.lineTo(nu + 7, nv + 26); g.lineTo(nu, nv + 20); g.lineTo(nu - 7, nv + 26); g.closePath();
     g.lineWidth = 3; g.strokeStyle = this.c.page; g.stroke(); g.fill();
     text("N", nu, nv - 4, "center");
@@ -546,6 +564,11 @@ export class Plan {
       g.fillStyle = this.c.ink;
       bar(small * this.k * this.factor, `${lengthText(small)} (${t(this.vectors.some((d) => isNumber(d.dx)) ? "bar_both" : "bar_ellipses")} × ${+this.factor.toPrecision(3)})`, this.h - 46);
     }
-    if (this.stale) { g.fillStyle = this.c.amber; g.font = "600 14px system-ui, DejaVu Sans, sans-serif"; text(this.stale, this.w / 2, 26, "center"); }
+    if (this.stale) {
+      g.font = "600 14px system-ui, DejaVu Sans, sans-serif";
+      const half = g.measureText(this.stale).width / 2 + 6;
+      g.fillStyle = this.c.page; g.fillRect(this.w / 2 - half, 6, 2 * half, 26);
+      g.fillStyle = this.c.amber; text(this.stale, this.w / 2, 24, "center");
+    }
   }
 }

@@ -13,31 +13,39 @@ import { Table } from "./table.js";
 const AXES = ["x", "y", "z"];
 const STATES = ["suspect", "waiting", "rejected", "accepted"], MOST_OBSERVATIONS = 100;
 
-const worstSigma = (p) => Math.max(...AXES.map((a) => metres(p, `sigma_${a}`)).filter(isNumber), -1);
+// Axes in which a network has places: where heights alone are adjusted, x and y of all points are 0.
+const axesWithPlaces = (rows) => { const found = AXES.filter((a) => rows.some((p) => p[a])); return found.length ? found : AXES; };
+const worstSigma = (p) => (p.determined === false ? -1 : Math.max(...AXES.map((a) => metres(p, `sigma_${a}`)).filter(isNumber), -1));
 const stateOf = (p) => (p.fixed ? "fixed" : p.determined === false || !isNumber(p.x) && !isNumber(p.z) ? "undetermined" : p.object === false ? "reference" : "object");
 
 export function points(root, [name], signal) {
   if (name) { point(root, name, signal); return; }
   const box = part(null), alarmed = new Map();
+  let table = null, shown = "";
   root.append(box.node);
-  const table = new Table({
+  const tableOf = (axes) => new Table({
     caption: t("points"), open: (p) => (location.hash = link("points", p.name)),
     columns: [
       { title: t("name"), value: (p) => p.name, node: (p) => h("a", { href: link("points", p.name), tabindex: -1 }, p.name) },
-      ...AXES.map((a) => ({ title: `${a} [${lengthUnit()}]`, number: true, value: (p) => (isNumber(p[a]) ? p[a] : NaN), text: (p) => coordinate(p[a]), later: a !== "z" })),
-      ...AXES.map((a) => ({ title: `σ ${a} [mm]`, number: true, later: true, value: (p) => 1000 * metres(p, `sigma_${a}`), text: (p) => fixed(1000 * metres(p, `sigma_${a}`), 2) })),
+      ...axes.map((a) => ({ title: `${a} [${lengthUnit()}]`, number: true, value: (p) => (isNumber(p[a]) ? p[a] : NaN), text: (p) => coordinate(p[a]), later: a !== "z" })),
+      ...axes.map((a) => ({ title: `σ ${a} [mm]`, number: true, later: true, value: (p) => 1000 * metres(p, `sigma_${a}`), text: (p) => fixed(1000 * metres(p, `sigma_${a}`), 2) })),
       { title: `${t("sigma_worst")} [mm]`, number: true, value: (p) => 1000 * worstSigma(p), text: (p) => (worstSigma(p) < 0 ? "–" : fixed(1000 * worstSigma(p), 2)) },
       { title: t("state"), value: (p) => fixedText(p), text: (p) => [fixedText(p), alarmed.has(p.name) ? t("alarm") : ""].filter(Boolean).join(", "), node: (p) => [fixedText(p), alarmed.has(p.name) ? [" ", pill("open", t("alarm"))] : null] },
     ],
   });
-  watch(here("points"), (r) => box.show(r, (found) => { if (!table.node.isConnected) fill(box.body, h("p", { class: "note" }, axesNote()), table.node); table.set(found); }), { events: ["arrival", "epoch"], least: 2000, signal });
+  watch(here("points"), (r) => box.show(r, (found) => {
+    const axes = axesWithPlaces(found);
+    if (shown !== axes.join()) { shown = axes.join(); table = tableOf(axes); }
+    if (!table.node.isConnected) fill(box.body, h("p", { class: "note" }, axesNote()), table.node);
+    table.set(found);
+  }), { events: ["arrival", "epoch"], least: 2000, signal });
   watch("alarms?state=standing", (r) => {
     alarmed.clear();
     for (const a of r.data ?? []) if (!a.network || a.network === context.network) for (const p of a.points ?? []) alarmed.set(p, a);
-    table.draw();
+    table?.draw();
   }, { events: ["alarm"], signal });
   let soon = null;
-  on("points", () => { soon ??= setTimeout(() => { soon = null; if (!signal.aborted) table.draw(); }, 300); }, signal);
+  on("points", () => { soon ??= setTimeout(() => { soon = null; if (!signal.aborted) table?.draw(); }, 300); }, signal);
 }
 
 // A level without a bound is null: nothing controls the errors of its weakest observations.
@@ -59,7 +67,7 @@ function point(root, name, signal) {
     if (!p) { fill(now.body, h("p", { class: "problem" }, t("point_unknown", { name }))); return; }
     const e = p.ellipse ?? {};
     fill(now.body, h("p", {}, pill(stateOf(p) === "undetermined" ? "waiting" : "plain", fixedText(p))), figures([
-      ...AXES.filter((a) => isNumber(p[a])).map((a) => [`${axisName(a)} [${lengthUnit()}]`, [coordinate(p[a]), isNumber(metres(p, `sigma_${a}`)) ? h("span", { class: "note" }, ` σ\u00a0${mmOf(p, `sigma_${a}`, 2)}`) : null], { "data-figure": a }]),
+      ...axesWithPlaces(peek(here("points")) ?? []).filter((a) => isNumber(p[a])).map((a) => [`${axisName(a)} [${lengthUnit()}]`, [coordinate(p[a]), isNumber(metres(p, `sigma_${a}`)) ? h("span", { class: "note" }, ` σ\u00a0${mmOf(p, `sigma_${a}`, 2)}`) : null], { "data-figure": a }]),
       isNumber(metres(e, "a")) ? [t("ellipse_level", { level: e.level ? `${+(100 * e.level).toPrecision(4)} %` : "" }), p.patched ? "–" : `${mmOf(e, "a", 2)} / ${mmOf(e, "b", 2)} / ${fixed(e.azimuth_deg, 0)}°`, { "data-figure": "ellipse" }] : null,
       bound ? [t("protection", { risk: bound.risk }), t("protection_told", { horizontal: levelOf(bound, "horizontal"), vertical: levelOf(bound, "vertical") }), { "data-figure": "protection" }] : null,
     ], { class: "figures small" }), bound?.weakest?.length ? h("p", { class: "note" }, t("protection_weakest", { names: bound.weakest.map(labelText).join(", ") })) : null);

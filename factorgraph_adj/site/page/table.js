@@ -28,7 +28,7 @@ export class Table {
     this.bar = h("div", { class: "row" }, filters && search, this.told, this.back, this.forth);
     this.body = h("tbody");
     this.heads = columns.map((c) => h("th", { scope: "col", class: [c.number && "number", c.later && "later"].filter(Boolean).join(" "), "aria-sort": c.plain ? null : "none" },
-      c.plain ? c.title : button(c.title, () => this.sortBy(c), { title: t("table_sort") })));
+      c.plain ? h("span", {}, c.title) : button(c.title, () => this.sortBy(c), { title: t("table_sort") })));
     const line = filters && h("tr", { class: "filters" }, columns.map((c) => h("td", { class: c.later ? "later" : null }, h("input", {
       type: "search", "aria-label": `${t("table_filter")}: ${c.title}`, title: t("table_filter_help"),
       on: { input: (e) => { e.target.value ? this.asked.set(c, asked(e.target.value)) : this.asked.delete(c); this.page = 0; this.draw(); } },
