@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal, TypeAlias
@@ -167,6 +167,19 @@ class Block:
             constants={k: v[chosen] for k, v in self.constants.items()},
             axes=None if self.axes is None else [self.axes[i] for i in chosen],
         )
+
+    def copies(self, n: int, sizes: Mapping[VariableKind, int]) -> Block:
+        """Return the observations n times, each time with variables of their own.
+
+        Args:
+            n: number of copies.
+            sizes: number of variables of each kind, by which those of a copy come after those of
+                the copy before.
+        """
+        copy, row = np.divmod(np.arange(n * self.n), self.n)
+        out = self.select(row)
+        variables = tuple((kind, index + sizes[kind] * copy) for kind, index in out.variables)
+        return replace(out, variables=variables)
 
     def moved(self, change: Array) -> Array:
         """Return the observed values (n, d) moved by changes of the computed values (n, d)."""

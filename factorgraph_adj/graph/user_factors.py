@@ -350,13 +350,25 @@ class FactorModel:
     """Name of the factor, for messages."""
 
     def __call__(self, frame: object, *values: Array, observed: Array) -> Linearised:
-        """Return residuals (1, d) and partials of the unknowns whose stored values are given.
+        """Return residuals (n, d) and partials of the unknowns whose stored values are given.
 
         Raises:
             InputError: the factor was lost in pickling, or is not finite.
             DegenerateError: the factor is inactive.
         """
         del frame
+        every = [
+            self._linearised([v[i : i + 1] for v in values], observed.shape[1])
+            for i in range(len(observed))
+        ]
+        inactive = [i for i, found in enumerate(every) if found is None]
+        if inactive:
+            raise DegenerateError(np.array(inactive, dtype=np.intp), "the factor is inactive here")
+        residuals, partials = zip(*(found for found in every if found is not None), strict=True)
+        return Linearised(np.array(residuals), tuple(map(np.array, zip(*partials, strict=True))))
+
+    def _linearised(self, values: Sequence[Array], size: int) -> tuple[Array, list[Array]] | None:
+        """Return residuals (d,) and partials (d, k) at values (1, s); None: it is inactive."""
         if self.factor is None:
             what = "was left behind when its network was pickled: add it again"
             raise InputError(Problem(what, self.where))
@@ -369,21 +381,20 @@ class FactorModel:
                 given.insert(key, stated if scale is None else stated / scale)
         found = linear_rows(self.factor, given, self.where)
         if found is None:
-            raise DegenerateError(np.zeros(1, dtype=np.intp), "the factor is inactive here")
+            return None
         order, a, r = found
-        if r.shape != (observed.shape[1],):
-            what = f"has {len(r)} residuals here, and was to have {observed.shape[1]}"
+        if r.shape != (size,):
+            what = f"has {len(r)} residuals here, and was to have {size}"
             raise InputError(Problem(what, self.where))
         by_key = dict(zip(order, np.split(a, self._ends(order, values), axis=1), strict=True))
-        partials = tuple(
-            from_gtsam(kind, by_key[key], row[0], scale)[None]
+        return r, [
+            from_gtsam(kind, by_key[key], row[0], scale)
             for key, kind, scale, row in zip(
                 self.keys, self.kinds, self.scales, values, strict=True
             )
-        )
-        return Linearised(r[None], partials)
+        ]
 
-    def _ends(self, order: list[int], values: tuple[Array, ...]) -> Array:
+    def _ends(self, order: list[int], values: Sequence[Array]) -> Array:
         """Return where the columns of each key end, but for the last."""
         size = {
             key: UNKNOWNS[kind].given(row).shape[1]

@@ -23,7 +23,7 @@ class OwnFactor(Observation):
     unknowns: tuple[tuple[str, Key], ...]
     """Kind of each unknown of the function, and its key in a network, in order."""
     model: Callable[..., Linearised]
-    """(frame, *values of the unknowns, observed=zeros) → residuals (1, d) in standard deviations,
+    """(frame, *values of the unknowns, observed=zeros) → residuals (n, d) in standard deviations,
     and partials."""
     dimension: int
     """Number d of residuals."""

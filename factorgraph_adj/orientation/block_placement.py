@@ -10,21 +10,25 @@ their partials by the seven parameters says how much that is.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..errors import AdjustmentError
+from ..frames import Frame
 from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..graph.variables import State
-from ..models.base import DegenerateError
+from ..models.base import Linearised
 from ..models.similarity import Similarity, fit_similarity
+from ..models.unknown_registry import VariableKind
 from ..observations.registry import KINDS
-from ..rotation import exp_rotation, nearest_rotation
+from ..rotation import exp_rotation, nearest_rotation, right_jacobian, skew
+from ..start.damped_fit import DampedFit, damped_fits
 from ..start.polar_points import orient_sets_by_model
-from ..types import Array, Mask
+from ..types import NO_ROWS, Array, Index, Mask
 from .block_input import KnownLength, KnownPlaces
 from .partial_block import PartialBlock
 from .robust_similarity import (
@@ -44,8 +48,8 @@ MAX_QUADRATIC_RESIDUAL = 10.0
 MIN_SINGULAR_RATIO_OF_PLACEMENT = 1e-7
 """Smallest singular value of the partials, relative to the largest, of a parameter that is
 determined; columns are scaled to the size of the block first."""
-MAX_ROUGH_EVALUATIONS, MAX_FINE_EVALUATIONS = 10, 60
-"""Largest numbers of evaluations of a fit, from every rotation and from the best ones."""
+MAX_ROUGH_STEPS, MAX_FINE_STEPS = 10, 60
+"""Largest numbers of steps of a fit, from every rotation and from the best ones."""
 MAX_REFINED_ROTATIONS = 4
 """Number of rotations from which the fit goes on."""
 MAX_FITTED_OBSERVATIONS = 400
@@ -87,53 +91,39 @@ def fit_placement(
     rows = _placement_rows(growth, equations, known)
     if rows is None:
         return None
-    trials = [
-        found
-        for turn in even_rotations()
-        if (found := rows.solved(turn @ first.rotation, np.zeros(7), first, MAX_ROUGH_EVALUATIONS))
-        is not None
-    ]
     # The identity comes first: what nothing determines stays as it was.
-    best: _Trial | None = None
-    for rough in sorted(trials, key=lambda f: f.cost)[:MAX_REFINED_ROTATIONS]:
-        found = rows.solved(rough.base, rough.p, first, MAX_FINE_EVALUATIONS)
-        if found is not None and (best is None or found.cost < (1.0 - 1e-6) * best.cost):
-            best = found
-    if best is None:
+    bases = np.array(even_rotations()) @ first.rotation
+    rough = rows.fitted(bases, np.zeros((len(bases), 7)), first, MAX_ROUGH_STEPS)
+    order = np.argsort([f.cost for f in rough], kind="stable")[:MAX_REFINED_ROTATIONS]
+    bases = bases[order]
+    fine = rows.fitted(bases, np.array([rough[i].values for i in order]), first, MAX_FINE_STEPS)
+    best = 0
+    for i, found in enumerate(fine):
+        if found.cost < (1.0 - 1e-6) * fine[best].cost:
+            best = i
+    if not np.isfinite(fine[best].cost):
         return None
-    base, p, jacobian = best.base, best.p, best.jacobian
-    values = np.linalg.svd(jacobian, compute_uv=False)
+    values = np.linalg.svd(fine[best].partials, compute_uv=False)
     rank = int((values > MIN_SINGULAR_RATIO_OF_PLACEMENT * values[0]).sum()) if values[0] > 0 else 0
     if not rank:
         return None
-    return FittedPlacement(rows.similarity(p, base, first), 7 - rank, rows.words)
-
-
-@dataclass(frozen=True, eq=False)
-class _Trial:
-    """A fit from one rotation."""
-
-    cost: float
-    base: Array
-    """Rotation about which the parameters turn, (3, 3)."""
-    p: Array
-    """Parameters, (7,)."""
-    jacobian: Array
+    scale, rotation, shift = rows.similarities(fine[best].values[None], bases[best][None], first)
+    return FittedPlacement(Similarity(float(scale[0]), rotation[0], shift[0]), 7 - rank, rows.words)
 
 
 @dataclass(eq=False)
 class _PlacementRows:
     """Observations of a part, and known places."""
 
-    equations: Equations
-    state: State
-    """Values of all variables; those of the part are replaced."""
+    frame: Frame
     chosen: list[Block]
     """Rows of blocks."""
-    oriented: bool
-    """Whether there are directions."""
+    orienting: list[Block]
+    """Directions that give the orientations of sets."""
+    state: State
+    """Values of their variables; those of the part are replaced."""
     point: Array
-    """Points in the axes of the part, (points, 3), NaN where the part does not have them."""
+    """These points in the axes of the part, (points, 3), NaN where the part does not have them."""
     pose: Array
     """Stored poses in these axes, (photos, 12)."""
     places: tuple[Array, Array]
@@ -146,56 +136,127 @@ class _PlacementRows:
     """Extent of the part."""
     words: str
 
-    def similarity(self, p: Array, base: Array, first: Similarity) -> Similarity:
-        """Return the similarity of seven parameters: rotation, change of scale, shift."""
-        rotation = base @ exp_rotation(p[:3])
-        scale = first.scale * (1.0 + p[3])
-        centre = first.of(self.middle[None])[0] + first.scale * self.size * p[4:]
-        return Similarity(scale, rotation, centre - scale * rotation @ self.middle)
+    def similarities(self, p: Array, base: Array, first: Similarity) -> tuple[Array, Array, Array]:
+        """Return scales (k,), rotations (k, 3, 3) and shifts (k, 3) of seven parameters (k, 7).
 
-    def solved(self, base: Array, p: Array, first: Similarity, most: int) -> _Trial | None:
-        """Minimise the misfits from a rotation and parameters; none: nothing can be computed."""
-        from scipy.optimize import least_squares  # local, because it takes long to import
+        The parameters are a rotation about a base (k, 3, 3), a change of scale, and a shift.
+        """
+        rotation = base @ exp_rotation(p[:, :3])
+        scale = first.scale * (1.0 + p[:, 3])
+        centre = first.of(self.middle[None]) + first.scale * self.size * p[:, 4:]
+        return scale, rotation, centre - scale[:, None] * (rotation @ self.middle)
 
-        try:
-            found = least_squares(
-                self.misfit,
-                p,
-                args=(base, first),
-                loss="soft_l1",
-                f_scale=MAX_QUADRATIC_RESIDUAL,
-                x_scale="jac",
-                max_nfev=most,
-            )
-        except (AdjustmentError, DegenerateError, ValueError):
-            return None
-        if found.x[3] <= -1.0 or not np.isfinite(found.cost):
-            return None
-        return _Trial(float(found.cost), base, found.x, np.asarray(found.jac, dtype=float))
+    def fitted(self, base: Array, p: Array, first: Similarity, most: int) -> list[DampedFit[Array]]:
+        """Minimise the misfits from rotations (k, 3, 3) and parameters (k, 7)."""
 
-    def misfit(self, p: Array, base: Array, first: Similarity) -> Array:
-        """Return the whitened residuals of all rows."""
-        at = self.similarity(p, base, first)
-        state = dict(self.state)
-        own = np.isfinite(self.point[:, 0])
-        state["point"] = state["point"].copy()
-        state["point"][own] = at.of(self.point[own])
-        own = np.isfinite(self.pose[:, 0])
-        state["pose"] = state["pose"].copy()
-        state["pose"][own] = at.of_poses(self.pose[own])
-        if self.oriented:
-            orient_sets_by_model(self.equations, state)
-        state["orientation"] = np.nan_to_num(state["orientation"])
-        out = []
-        for block in self.chosen:
-            v = block.evaluate(self.equations.network.frame, state, jacobians=False).residual
-            out.append(block.whiten(v).ravel())
+        def system(p: Array, start: Index) -> tuple[Array, Array]:
+            return self.misfits(p, base[start], first)
+
+        return damped_fits(p, system, most, bound=MAX_QUADRATIC_RESIDUAL)
+
+    def misfits(self, p: Array, base: Array, first: Similarity) -> tuple[Array, Array]:
+        """Return whitened residuals (k, n) and their partials (k, n, 7) by the parameters (k, 7).
+
+        Residuals are infinite where they cannot be computed.
+        """
+        with suppress(AdjustmentError):
+            return self._misfits(p, base, first)
+        if len(p) == 1:
+            return np.full((1, self.n), np.inf), np.zeros((1, self.n, 7))
+        half = len(p) // 2
+        halves = (self.misfits(p[at], base[at], first) for at in (slice(half), slice(half, None)))
+        v, a = zip(*halves, strict=True)
+        return np.concatenate(v), np.concatenate(a)
+
+    @property
+    def n(self) -> int:
+        """Number of residuals."""
+        read = sum(b.observed.size for b in self.chosen)
+        return read + self.attitudes[1].size + int(np.isfinite(self.places[1]).sum())
+
+    def _misfits(self, p: Array, base: Array, first: Similarity) -> tuple[Array, Array]:
+        k = len(p)
+        scale, rotation, shift = self.similarities(p, base, first)
+        turning = right_jacobian(p[:, :3])
+
+        def moved(x: Array) -> tuple[Array, Array]:
+            """Return places (k, m, 3) of places (m, 3), and their partials (k, m, 3, 7)."""
+            turned = x @ rotation.swapaxes(1, 2)
+            by = np.zeros((k, len(x), 3, 7))
+            arm = skew(x - self.middle)
+            by[..., :3] = -scale[:, None, None, None] * rotation[:, None] @ arm @ turning[:, None]
+            by[..., 3] = first.scale * (turned - (rotation @ self.middle)[:, None])
+            by[..., 4:] = first.scale * self.size * np.eye(3)
+            return scale[:, None, None] * turned + shift[:, None], by
+
+        sizes = {kind: len(values) for kind, values in self.state.items()}
+        state = {kind: np.tile(values, (k, 1)) for kind, values in self.state.items()}
+        partials: dict[VariableKind, Array] = {
+            "point": np.zeros((k * len(self.point), 3, 7)),
+            "pose": np.zeros((k * len(self.pose), 6, 7)),
+        }
+        for kind, values in (("point", self.point), ("pose", self.pose)):
+            own = np.isfinite(values[:, -1])
+            of_each = state[kind].reshape(k, *values.shape)
+            by = partials[kind].reshape(k, len(values), *partials[kind].shape[1:])
+            of_each[:, own, -3:], by[:, own, -3:] = moved(values[own, -3:])
+            if kind == "pose":
+                attitude = values[own, :9].reshape(-1, 3, 3)
+                of_each[:, own, :9] = (rotation[:, None] @ attitude).reshape(k, -1, 9)
+                by[:, own, :3, :3] = attitude.swapaxes(1, 2) @ turning[:, None]
+        self._orient_sets(k, state, partials)
+        v, a = [], []
+        for block in (b.copies(k, sizes) for b in self.chosen):
+            found = block.evaluate(self.frame, state)
+            v.append(block.whiten(found.residual).reshape(k, -1))
+            by = block.whiten(_by_parameters(block, found, partials))
+            a.append(by.reshape(k, -1, 7))
         turned, given = self.attitudes
-        out.append(((at.rotation @ turned - given) / RELATIVE_SIGMA_OF_KNOWN_PLACE).ravel())
+        off = (rotation[:, None] @ turned - given) / RELATIVE_SIGMA_OF_KNOWN_PLACE
+        by = np.zeros((*off.shape, 7))
+        # Each column of R is a vector t that turns: ∂(R t)/∂ω = −R [t]×.
+        columns = skew(turned.swapaxes(1, 2))
+        turns = -rotation[:, None, None] @ columns @ turning[:, None, None]
+        by[..., :3] = turns.swapaxes(2, 3) / RELATIVE_SIGMA_OF_KNOWN_PLACE
+        v.append(off.reshape(k, -1))
+        a.append(by.reshape(k, -1, 7))
         x, y = self.places
-        off = (at.of(x) - y) / (RELATIVE_SIGMA_OF_KNOWN_PLACE * first.scale * self.size)
-        out.append(off[np.isfinite(off)])
-        return np.clip(np.nan_to_num(np.concatenate(out), nan=1e9, posinf=1e9), -1e9, 1e9)
+        sigma = RELATIVE_SIGMA_OF_KNOWN_PLACE * first.scale * self.size
+        there = np.isfinite(y)
+        to, by = moved(x)
+        v.append((to - y)[:, there] / sigma)
+        a.append(by[:, there] / sigma)
+        every = np.clip(np.nan_to_num(np.concatenate(v, axis=1), nan=1e9), -1e9, 1e9)
+        return np.where(scale[:, None] > 0.0, every, np.inf), np.concatenate(a, axis=1)
+
+    def _orient_sets(self, k: int, state: State, partials: dict[VariableKind, Array]) -> None:
+        """Fill orientations, and their partials, which are those of the mean of the set."""
+        if not self.orienting:
+            return
+        unknown = np.isnan(state["orientation"][:, 0])
+        sizes = {kind: len(values) // k for kind, values in state.items()}
+        blocks = [b.copies(k, sizes) for b in self.orienting]
+        orient_sets_by_model(blocks, self.frame, state)
+        state["orientation"] = np.nan_to_num(state["orientation"])
+        total, count = np.zeros((len(unknown), 1, 7)), np.zeros(len(unknown))
+        for block in blocks:
+            group = block.variables[4][1]
+            by = _by_parameters(block, block.evaluate(self.frame, state), partials)
+            np.add.at(total, group, by)
+            np.add.at(count, group, 1.0)
+        total /= np.maximum(count, 1.0)[:, None, None]
+        partials["orientation"] = np.where(unknown[:, None, None], total, 0.0)
+
+
+def _by_parameters(
+    block: Block, found: Linearised, partials: Mapping[VariableKind, Array]
+) -> Array:
+    """Return partials (n, d, 7) by parameters, given those of the variables (m, s, 7)."""
+    out = np.zeros((*found.residual.shape, 7))
+    for (kind, index), by in zip(block.variables, found.jacobians, strict=True):
+        if kind in partials:
+            out += by @ partials[kind][index]
+    return out
 
 
 def _placement_rows(
@@ -203,28 +264,35 @@ def _placement_rows(
 ) -> _PlacementRows | None:
     """Return what is observed of a part; none: nothing is."""
     start = equations.unknowns.start()
-    state = {kind: values.copy() for kind, values in start.items()}
-    state["vertical"] = np.nan_to_num(state["vertical"])
+    state = {**start, "vertical": np.nan_to_num(start["vertical"])}
     there = {"point": growth.placed, "pose": growth.posed}
     counted: Counter[str] = Counter()
     chosen: list[Block] = []
+    orienting: list[Block] = []
     for block in equations.blocks:
         if block.lens is not None or block.model is None:
             continue
-        fine = np.ones(block.n, dtype=bool)
-        own = np.zeros(block.n, dtype=bool)
+        whole, usable, own = (np.full(block.n, flag) for flag in (True, True, False))
         for kind, index in block.variables:
+            finite = np.isfinite(state[kind][index]).all(axis=1)
             if kind in there:
-                fine &= there[kind][index]
+                whole &= there[kind][index]
+                usable &= there[kind][index] | finite
                 own |= there[kind][index]
             elif kind != "orientation":
-                fine &= np.all(np.isfinite(state[kind][index]), axis=1)
-        rows = np.flatnonzero(fine & own)
+                whole &= finite
+                usable &= finite
+        rows = np.flatnonzero(whole & own)
+        if not len(rows):
+            continue
+        if block.quantity == "direction":
+            group = block.variables[4][1]
+            of_sets = np.isin(group, group[rows])
+            orienting.append(block.select(np.flatnonzero(usable & of_sets)))
         if len(rows) > MAX_FITTED_OBSERVATIONS:
             rows = rows[np.linspace(0, len(rows) - 1, MAX_FITTED_OBSERVATIONS).astype(int)]
-        if len(rows):
-            chosen.append(block.select(rows))
-            counted[_noun(block.kind, prior=block.prior)] += len(rows)
+        chosen.append(block.select(rows))
+        counted[_noun(block.kind, prior=block.prior)] += len(rows)
     x = np.concatenate([growth.point, growth.pose[:, 9:]])
     y = np.concatenate([known.point, known.pose[:, 9:]])
     places: Mask = np.isfinite(x).all(axis=1) & np.isfinite(y).any(axis=1)
@@ -240,19 +308,36 @@ def _placement_rows(
     if places.any():
         counted["places with known coordinates"] = int(places.sum())
     words = ", ".join(f"{n} {what}" for what, n in counted.items())
+    blocks, state, used = _compact([*chosen, *orienting], state)
     return _PlacementRows(
-        equations,
+        equations.network.frame,
+        blocks[: len(chosen)],
+        blocks[len(chosen) :],
         state,
-        chosen,
-        any(b.quantity == "direction" for b in chosen),
-        growth.point,
-        growth.pose,
+        growth.point[used["point"]],
+        growth.pose[used["pose"]],
         (x[places], y[places]),
         attitudes,
         middle,
         size,
         words,
     )
+
+
+def _compact(
+    blocks: Sequence[Block], state: State
+) -> tuple[list[Block], State, dict[VariableKind, Index]]:
+    """Return blocks with the values of their variables alone, and the numbers of these before."""
+    every: dict[VariableKind, list[Index]] = {"point": [], "pose": []}
+    for block in blocks:
+        for kind, index in block.variables:
+            every.setdefault(kind, []).append(index)
+    used = {kind: np.unique(np.concatenate([NO_ROWS, *of_kind])) for kind, of_kind in every.items()}
+    out = [
+        replace(b, variables=tuple((k, np.searchsorted(used[k], i)) for k, i in b.variables))
+        for b in blocks
+    ]
+    return out, {kind: state[kind][numbers] for kind, numbers in used.items()}, used
 
 
 def _noun(kind: str, *, prior: bool) -> str:

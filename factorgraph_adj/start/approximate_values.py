@@ -200,7 +200,7 @@ def partial_approximation(
     ]
     if problems:
         return state, problems
-    orient_sets_by_model(equations, state)
+    orient_sets_by_model(equations.blocks, equations.network.frame, state)
     return state, fill_single_components(equations, state)
 
 

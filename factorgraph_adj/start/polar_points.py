@@ -14,11 +14,13 @@ three common points two exchanged ones may lead to a start that is turned, which
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
 
-from ..graph.equations import Equations
+from ..frames import Frame
+from ..graph.blocks import Block
 from ..graph.variables import State
 from ..models.base import wrap
 from ..types import Array, Index, Mask
@@ -199,17 +201,17 @@ def orient_sets(progress: SearchState) -> bool:
     return bool(new.any())
 
 
-def orient_sets_by_model(equations: Equations, state: State) -> None:
+def orient_sets_by_model(blocks: Iterable[Block], frame: Frame, state: State) -> None:
     """Fill unknown orientations of a state with known points, by the model of directions."""
     missing = np.isnan(state["orientation"][:, 0])
-    for block in equations.blocks:
+    for block in blocks:
         if block.quantity != "direction" or not missing.any():
             continue
         group = block.variables[4][1]
         rows = np.flatnonzero(missing[group])
         trial = dict(state)
         trial["orientation"] = np.where(missing[:, None], 0.0, state["orientation"])
-        v = block.select(rows).evaluate(equations.network.frame, trial, jacobians=False).residual
+        v = block.select(rows).evaluate(frame, trial, jacobians=False).residual
         found = group_angle(group[rows], v[:, 0], len(missing))
         state["orientation"][missing, 0] = found[missing]
         missing = np.isnan(state["orientation"][:, 0])

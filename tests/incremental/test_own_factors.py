@@ -259,3 +259,23 @@ def test_what_cannot_arrive_is_refused_by_name(tmp_path: Path) -> None:
     with pytest.raises(fga.InputError, match="keeps a journal, which cannot hold a factor"):
         kept.add(factors={"tape": tape()})
     assert len(kept) == len(readings())
+
+
+def test_copies_of_a_factor_have_the_residuals_and_partials_of_their_own_values() -> None:
+    """So a fit evaluates it at many starts at once."""
+    inc = fga.IncrementalAdjustment(whole())
+    inc.add(factors={"tape": tape()})
+    equations = inc.solution().equations
+    (block,) = (b for b in equations.blocks if b.kind == "factor")
+    points = equations.unknowns.start()["point"]
+    rng = np.random.default_rng(6)
+    states = [{"point": points + rng.normal(0.0, 0.5, points.shape)} for _ in range(3)]
+    frame = equations.network.frame
+    together = block.copies(3, {"point": len(points)}).evaluate(
+        frame, {"point": np.concatenate([s["point"] for s in states])}
+    )
+    for i, state in enumerate(states):
+        alone = block.evaluate(frame, state)
+        np.testing.assert_array_equal(together.residual[i], alone.residual[0])
+        for all_of_them, own in zip(together.jacobians, alone.jacobians, strict=True):
+            np.testing.assert_array_equal(all_of_them[i], own[0])
