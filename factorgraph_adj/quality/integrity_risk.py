@@ -154,6 +154,8 @@ def protection_level(
     if risk < SMALLEST_RISK:
         return np.where(moving, np.inf, 0.0)
     nodes, levels = _level_nodes(risk, alpha, dof)
+    if not levels[-1]:  # no test rejects less often than the risk allows: every level holds
+        return np.zeros(len(sigma))
     ratio = np.where(moving, slope, 0.0) / np.where(moving, sigma, 1.0)
     with np.errstate(invalid="ignore"):
         at = np.interp(ratio, nodes, levels)
@@ -205,10 +207,10 @@ def vector_level(axes: Array, slope: Array, risk: float, alpha: float, *, dof: i
     shapes = np.ceil(np.round(SHAPES * ordered[:, 1:] / safe[:, None], 9)).astype(int)
     for shape in np.unique(shapes, axis=0).tolist():
         quantiles = length_quantiles(tuple(shape), risk, alpha, dof)
-        for i in np.flatnonzero((shapes == shape).all(axis=1)).tolist():
+        for i in np.flatnonzero((shapes == shape).all(axis=1) & (largest > 0.0)).tolist():
             if not np.isfinite(slope[i]):
                 out[i] = np.inf
-            elif largest[i] > 0.0:
+            else:
                 out[i] = _largest(slope[i] * hidden + largest[i] * quantiles)
     return out
 

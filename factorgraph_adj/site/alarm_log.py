@@ -20,6 +20,8 @@ from .database import Database
 if TYPE_CHECKING:
     from sqlalchemy import Connection
 
+SILENCED_BY = "silenced_by"
+"""Field of what an alarm says: who has silenced it."""
 MAX_SILENCE_HOURS = 24.0 * 31.0
 """Longest time for which an alarm can be silenced, hours."""
 MAX_LETTERS_OF_REMARK = 500
@@ -212,7 +214,8 @@ def _tell(connection: Connection, alarm: int, addresses: Sequence[str], said: An
 def shown(row: Mapping[str, Any], network: str | None) -> Answer:
     """Return an alarm as the API shows it.
 
-    ``since`` and ``until`` are times of epochs, which are their middles; ``epoch_begin`` and
+    ``by`` acknowledged it, ``silenced_by`` silenced it; who did neither is None. ``since`` and
+    ``until`` are times of epochs, which are their middles; ``epoch_begin`` and
     ``epoch_end`` are the bounds of the epoch that raised it, where its epochs have a length. Where
     epochs end by hand or by sets, ``since`` and ``until`` are their begins.
 
@@ -230,7 +233,10 @@ def shown(row: Mapping[str, Any], network: str | None) -> Answer:
         state = "closed"
     own: Answer = {"id": row["id"], "rule": row["rule"], "network": network, "state": state}
     own |= {"points": [row["subject"]] if row["subject"] else []}
-    own |= {"since": row["raised"], "until": row["cleared"], "by": row["acknowledged_by"]}
+    known = None if row["acknowledged"] is None else row["acknowledged_by"]
+    own |= {"since": row["raised"], "until": row["cleared"], "by": known}
+    silencer = data.pop(SILENCED_BY, None)
+    own |= {SILENCED_BY: None if silenced is None else silencer}
     if half := 0.5 * (data.get(EPOCH_SECONDS) or 0.0):
         own |= {"epoch_begin": row["raised"] - half, "epoch_end": row["raised"] + half}
     return data | own | {"acknowledged": row["acknowledged"], "silenced_until": silenced}
@@ -252,7 +258,7 @@ class AlarmLog:
             state: ``standing`` (all that are not cleared), ``ended`` (cleared, and acknowledged by
                 nobody) or ``all``.
             network: id of a network; None: of all.
-            point: only those of this point.
+            point: only those of this point; with ``standing``, all that it has had.
 
         Raises:
             InputError: unknown state.
@@ -285,8 +291,8 @@ class AlarmLog:
             remark: what he remarks; empty: nothing.
 
         Raises:
-            InputError: there is no such alarm, or it was cleared and acknowledged before; the
-                remark is too long.
+            InputError: there is no such alarm, somebody else has acknowledged it, or it was cleared
+                and acknowledged before; the remark is too long.
         """
         said = {"remark": text} if (text := one_line(remark).strip()) else {}
         if len(text) > MAX_LETTERS_OF_REMARK:
@@ -302,7 +308,7 @@ class AlarmLog:
         if not 0.0 <= hours <= MAX_SILENCE_HOURS:
             raise InputError(f"hours must be 0 to {MAX_SILENCE_HOURS:g}, not {hours:g}")
         until = clock.time() + 3600.0 * hours
-        return self._change(number, {}, silenced_until=until, acknowledged_by=who)
+        return self._change(number, {SILENCED_BY: who}, silenced_until=until)
 
     def _change(self, number: int, said: Answer, **values: object) -> Answer:
         """Change the row of an alarm, and add to what it says; return it as it is then."""
@@ -318,6 +324,10 @@ class AlarmLog:
                 raise InputError(f"alarm {number} is cleared")
             if row.cleared is not None and row.acknowledged is not None:
                 raise InputError(f"alarm {number} is cleared, and was acknowledged")
+            if "acknowledged" in values and row.acknowledged is not None:
+                if row.acknowledged_by != values["acknowledged_by"]:
+                    raise InputError(f"alarm {number} was acknowledged by {row.acknowledged_by}")
+                values["acknowledged"] = row.acknowledged
             if said:
                 values["data"] = json.dumps(json.loads(row.data) | said)
             connection.execute(update(alarms).where(alarms.c.id == number).values(**values))

@@ -61,7 +61,7 @@ class Batch:
     @property
     def has_changes(self) -> bool:
         """Whether there is anything to write beside lines of journals."""
-        return bool(self.steps or self.requests or self.events or self.actions)
+        return bool(self.steps or self.requests or self.sets or self.events or self.actions)
 
     def write(
         self, connection: Connection, network: int, lines: Sequence[Mapping[str, Any]]

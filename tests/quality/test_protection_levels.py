@@ -61,6 +61,17 @@ def test_a_length_has_the_risk_however_small_it_is(risk: float) -> None:
     assert tail == pytest.approx(risk / 0.999, rel=1e-2)
 
 
+@pytest.mark.parametrize(("risk", "held"), [(1e-3, np.inf), (0.9995, 0.0)])
+def test_what_nothing_controls_has_no_bound_unless_every_level_holds(risk, held) -> None:
+    """A test without a fault does not reject in 99.9 %: a larger risk needs no bound."""
+    sigma, slope = np.array([1.0, 0.0]), np.full(2, np.inf)
+    for level in (
+        protection_level(sigma, slope, risk, 1e-3),
+        vector_level(np.stack([sigma, sigma], axis=1), slope, risk, 1e-3),
+    ):
+        assert level.tolist() == [held, 0.0]
+
+
 def test_a_risk_too_small_to_compute_bounds_nothing() -> None:
     """Many rejected readings have many outcomes, of which each has its share of the risk."""
     for level in (

@@ -446,6 +446,7 @@ class CannedSite:
             "by": None,
             "acknowledged": None,
             "silenced_until": None,
+            "silenced_by": None,
             "epoch_seconds": DAY / 4,
         } | more
         if alarm["epoch"] is not None and alarm["epoch_seconds"]:
@@ -460,11 +461,10 @@ class CannedSite:
     ) -> Record:
         """Acknowledge or silence an alarm; one that is silent stays so when it is acknowledged."""
         found = next(a for a in self.alarms if a["id"] == number)
-        found["by"] = by
         if what == "acknowledge":
-            found |= {"acknowledged": time()} | ({"remark": remark} if remark else {})
+            found |= {"acknowledged": time(), "by": by} | ({"remark": remark} if remark else {})
         else:
-            found["silenced_until"] = time() + 3600 * hours
+            found |= {"silenced_until": time() + 3600 * hours, "silenced_by": by}
         silent = (found["silenced_until"] or 0.0) > time()
         known = "open" if found["acknowledged"] is None else "acknowledged"
         if found["state"] != "closed":

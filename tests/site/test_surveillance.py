@@ -123,9 +123,27 @@ def test_an_alarm_is_acknowledged_and_silenced(tmp_path):
         assert alarm["state"] == "open"
         assert client.post(f"{address}/acknowledge").json()["state"] == "acknowledged"
         silenced = client.post(f"{address}/silence", json={"hours": 2}).json()
-        assert silenced["state"] == "silenced" and silenced["by"] == "loopback"
+        assert silenced["state"] == "silenced" and silenced["silenced_by"] == "loopback"
         assert client.post(f"{address}/silence", json={"hours": 1e6}).status_code == 422
         assert client.post("/api/v1/alarms/99/acknowledge").status_code == 422
+
+
+def test_who_silences_an_alarm_has_not_acknowledged_it(tmp_path):
+    with served(tmp_path, epochs="1 h", more=ALARM) as client:
+        for hour in range(6):
+            post(client, readings(hour, 0.01 if hour >= 3 else 0.0))
+        site = client.app.state.site
+        (alarm,) = site.alarms.listed()
+        silenced = site.alarms.silence(alarm["id"], "Ada", 1.0)
+        assert (silenced["by"], silenced["acknowledged"]) == (None, None)
+        first = site.alarms.acknowledge(alarm["id"], "Ben")
+        assert (first["by"], first["silenced_by"]) == ("Ben", "Ada")
+        again = site.alarms.silence(alarm["id"], "Cyd", 2.0)
+        assert (again["by"], again["silenced_by"]) == ("Ben", "Cyd")
+        with pytest.raises(InputError, match="was acknowledged by Ben"):
+            site.alarms.acknowledge(alarm["id"], "Dan")
+        later = site.alarms.acknowledge(alarm["id"], "Ben", "crane")  # tried again, or remarked
+        assert (later["acknowledged"], later["remark"]) == (first["acknowledged"], "crane")
 
 
 def test_an_alarm_that_ended_is_acknowledged_with_a_remark(tmp_path):
