@@ -287,6 +287,14 @@ class Database:
         self.engine.dispose()
 
 
+def at_one_moment(connection: Connection) -> None:
+    """Let a transaction read all tables as they are when it begins; SQLite always does."""
+    from sqlalchemy import text
+
+    if connection.dialect.name == "postgresql":
+        connection.execute(text("set transaction isolation level repeatable read"))
+
+
 def reason_of(error: Exception) -> str:
     """Return the reason of an error of the database, on one line and without the statement."""
     inner = getattr(error, "orig", None) or error

@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-import json
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ..errors import AdjustmentError
 from ..monitoring.epoch_estimates import EpochEstimate
 from ..quality.observation_groups import observation_groups
 from ..quality.reliability import Reliability
-from ..report.layout import finite_json
 from ..service.answers import rounded_figure
 from ..service.stream import Stream
 from ..statistical_tests import AdjustmentFigures, global_test
 from .epoch_search import rejection_doubts
-
-if TYPE_CHECKING:
-    from sqlalchemy import Connection
 
 MIN_REDUNDANCY = 1e-3
 """Redundancy of a kind below which its observations say nothing about their precision."""
@@ -77,42 +72,3 @@ def group_figures(found: Reliability) -> list[dict[str, Any]]:
         figures["component"] = None if ratio is None else rounded_figure(ratio**0.5)
         out.append(figures)
     return out
-
-
-def record_result(
-    connection: Connection, epoch: int, revision: int, result: dict[str, Any]
-) -> None:
-    """Record the result of an epoch in a transaction.
-
-    Args:
-        connection: connection of the transaction.
-        epoch: id of its row.
-        revision: number of the result.
-        result: the result.
-    """
-    from sqlalchemy import update
-
-    from .tables import epochs
-
-    values = {"state": "closed", "revision": revision, "result": _text(result)}
-    connection.execute(update(epochs).where(epochs.c.id == epoch).values(**values))
-
-
-def record_findings(connection: Connection, epoch: int, result: dict[str, Any]) -> None:
-    """Record a result whose findings alone have changed; state and revision stay.
-
-    Args:
-        connection: connection of the transaction.
-        epoch: id of its row.
-        result: the result.
-    """
-    from sqlalchemy import update
-
-    from .tables import epochs
-
-    change = update(epochs).where(epochs.c.id == epoch)
-    connection.execute(change.values(result=_text(result)))
-
-
-def _text(result: dict[str, Any]) -> str:
-    return json.dumps(finite_json(result), ensure_ascii=False)

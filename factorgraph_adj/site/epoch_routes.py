@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Body, Query
@@ -11,8 +12,10 @@ from ..report.layout import finite_json
 from .decisions import epoch_decisions, standing_decisions
 from .dependencies import Decider, EpochInPath, Network, Reader, TheSite
 from .live_epochs import no_epoch
+from .live_network import LiveNetwork
 from .network_routes import answer_of, answered
 from .postings import OtherRequest
+from .result_columns import read_points
 from .site import NoSuchThing
 
 epoch_router = APIRouter(prefix="/networks/{name}", tags=["epochs"])
@@ -20,12 +23,12 @@ AXES = "xyz"
 Answer = dict[str, Any]
 
 
-def _shown_row(row: Answer) -> Answer:
+def _shown_row(row: Answer, summary: Answer | None) -> Answer:
     """Return an epoch without its points."""
-    result = row.pop("result", None) or {}
-    findings = result.get("findings") or {}
+    summary = summary or {}
+    findings = summary.get("findings") or {}
     names = ("sigma0", "sigma0_limits", "redundancy", "counts", "problem", "time")
-    figures = {k: result.get(k) for k in names}
+    figures = {k: summary.get(k) for k in names}
     figures["problem"] = figures["problem"] or findings.get("problem", "")
     return row | figures | {"congruence": findings.get("congruence")}
 
@@ -33,16 +36,16 @@ def _shown_row(row: Answer) -> Answer:
 @epoch_router.get("/epochs")
 def epochs(network: Network, caller: Reader) -> list[Answer]:
     """Return the epochs with their figures and congruence tests."""
-    return [_shown_row(row) for row in network.epochs(results=True)]
+    return [_shown_row(row, row.pop("summary")) for row in network.epochs(summaries=True)]
 
 
 @epoch_router.get("/epochs/{number}")
 def epoch(network: Network, site: TheSite, caller: Reader, number: EpochInPath) -> Answer:
     """Return an epoch with its points, displacements, blocks, tests and decisions."""
     for row in network.epochs(results=True, number=number):
-        result = row["result"] or {}
+        result = row.pop("result") or {}
         findings = result.get("findings") or {}
-        out = _shown_row(dict(row)) | {"points": result.get("points", [])}
+        out = _shown_row(row, result) | {"points": result.get("points", [])}
         out |= {"doubts": result.get("doubts", []), "groups": result.get("groups", [])}
         names = ("against", "reference", "revised", "displacements", "blocks", "motions", "tests")
         decided = epoch_decisions(site.database, network.settings.name, number)
@@ -76,6 +79,7 @@ async def close_epoch(
 @epoch_router.get("/series")
 def series(
     network: Network,
+    site: TheSite,
     caller: Reader,
     points: Annotated[str, Query(max_length=20_000)],
     begin: Annotated[float | None, Query(alias="from")] = None,
@@ -83,46 +87,55 @@ def series(
 ) -> list[Answer]:
     """Return coordinates, displacements and motions of points over the closed epochs."""
     wanted = [n for n in points.split(",") if n]
-    rows = [
-        row
-        for row in network.epochs(results=True)
-        if row["result"] is not None and _between(row["result"]["time"], begin, to)
-    ]
-    return [_series_of(name, rows) for name in wanted]
+    times = {row["number"]: row["summary"]["time"] for row in _with_results(network)}
+    times = {number: time for number, time in times.items() if _between(time, begin, to)}
+    with site.database.reading() as connection:
+        found = read_points(connection, network.id, wanted)
+    return [_series_of(name, times, found[name]) for name in wanted]
+
+
+def _with_results(network: LiveNetwork) -> list[Answer]:
+    """Return the rows of epochs that have results, with their summaries."""
+    return [row for row in network.epochs(summaries=True) if row["summary"] is not None]
 
 
 def _between(time: float, begin: float | None, to: float | None) -> bool:
     return (begin is None or time >= begin) and (to is None or time <= to)
 
 
-def _series_of(name: str, rows: list[Answer]) -> Answer:
-    """Return the series of a point; null where it has no value in an epoch."""
+def _series_of(name: str, times: Mapping[int, float], parts: Mapping[int, Answer]) -> Answer:
+    """Return the series of a point; null where it has no value in an epoch.
+
+    Args:
+        name: the point.
+        times: times of the epochs by number, seconds UTC.
+        parts: what the results of epochs say of it, see `factorgraph_adj.site.result_columns`.
+    """
     out: Answer = {"name": name, "epochs": [], "times": [], "alarms": []}
     motion: Answer = {"times": []}
-    for row in rows:
-        result, findings = row["result"], row["result"].get("findings") or {}
-        point = _named(result.get("points"), name)
-        moved = _named(findings.get("displacements"), name)
-        out["epochs"].append(row["number"])
-        out["times"].append(result["time"])
+    for number, time in times.items():
+        part = parts.get(number, {})
+        point, moved = (_first(part.get(k)) for k in ("points", "displacements"))
+        out["epochs"].append(number)
+        out["times"].append(time)
         names = [*AXES, *(k for k in point if k.startswith("sigma_"))]
         figures = {k: point.get(k) for k in names}
         figures |= {k: v for k, v in moved.items() if k.startswith(("d", "sigma_d", "alarm_d"))}
         _append(out, figures, len(out["times"]))
-        if name in (of := findings.get("motions") or {}):
-            motion["times"].append(result["time"])
-            _append(motion, of[name], len(motion["times"]))
+        if "motions" in part:
+            motion["times"].append(time)
+            _append(motion, part["motions"], len(motion["times"]))
         out["alarms"] += [
-            {"rule": t["rule"], "epoch": row["number"], "time": result["time"]}
-            for t in findings.get("tests") or []
-            if t["point"] == name and t["exceeds"]
+            {"rule": test["rule"], "epoch": number, "time": time}
+            for _, test in part.get("tests", ())
+            if test["exceeds"]
         ]
     return out | {"motion": motion}
 
 
-def _named(rows: list[Answer] | None, name: str) -> Answer:
-    """Return the row of a point; an empty one where there is none."""
-    return next((row for row in rows or () if row["name"] == name), {})
+def _first(placed: list[tuple[int, Answer]] | None) -> Answer:
+    """Return the first record of a point; an empty one where there is none."""
+    return placed[0][1] if placed else {}
 
 
 def _append(columns: Answer, figures: Answer, length: int) -> None:
@@ -138,12 +151,11 @@ def _append(columns: Answer, figures: Answer, length: int) -> None:
 def variance_components(network: Network, caller: Reader) -> list[Answer]:
     """Return σ̂0 of every closed epoch, and σ̂ of the observations of each kind in their σ."""
     out = []
-    for row in network.epochs(results=True):
-        result = row["result"]
-        if result is not None:
-            figures = {"epoch": row["number"], "time": result["time"]}
-            figures |= {k: result.get(k) for k in ("sigma0", "redundancy")}
-            out.append(figures | {"groups": result.get("groups", [])})
+    for row in _with_results(network):
+        summary = row["summary"]
+        figures = {"epoch": row["number"], "time": summary["time"]}
+        figures |= {k: summary.get(k) for k in ("sigma0", "redundancy")}
+        out.append(figures | {"groups": summary.get("groups", [])})
     return out
 
 

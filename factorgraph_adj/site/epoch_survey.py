@@ -19,10 +19,10 @@ from ..monitoring.monitor import Findings
 from ..report.layout import finite_json
 from .alarm_log import reconcile, revise
 from .database import DatabaseAway
-from .epoch_results import record_findings
 from .live_epochs import LiveEpoch
 from .monitor_states import write_state
 from .posting_transactions import Batch
+from .result_columns import write_result
 from .surveillance import COMPARED_LATER, Surveillance
 
 if TYPE_CHECKING:
@@ -135,7 +135,7 @@ def revise_epoch(survey: Surveillance, row: Answer, found: Findings, by: int, ba
         return
     noted = {} if number == by else {REVISED: by}
     batch.results[number] = row["result"] | {"findings": now | noted}
-    batch.steps.append(partial(record_findings, epoch=row["id"], result=batch.results[number]))
+    batch.steps.append(partial(write_result, epoch=row["id"], result=batch.results[number]))
     summary = {n: row[n] for n in ("number", "begin", "end", "state", "revision")}
     batch.events.append(("epoch", {"epoch": number, "what": "revised", "by": by, **summary}))
 

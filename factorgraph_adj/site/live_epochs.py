@@ -12,9 +12,10 @@ from ..errors import InputError, known
 from ..incremental.adjustment import IncrementalAdjustment
 from ..io.project import Project
 from ..service.stream import Stream
-from .database import Database
+from .database import Database, at_one_moment
 from .epoch_network import network_of_epoch
 from .journal_table import JournalTable
+from .result_columns import read_results
 from .site_file import NetworkSettings
 
 MAX_LOADED = 3
@@ -106,6 +107,7 @@ class LiveEpochs:
         self,
         *,
         results: bool = False,
+        summaries: bool = False,
         number: int | None = None,
         after: int | None = None,
         most: int | None = None,
@@ -114,6 +116,7 @@ class LiveEpochs:
 
         Args:
             results: whether with ``result``, the last one of each epoch.
+            summaries: whether with ``summary``, what lists show of it.
             number: only that of the epoch of this number.
             after: only those of epochs after this number that have a result.
             most: only so many of them, the first ones.
@@ -122,18 +125,26 @@ class LiveEpochs:
 
         from .tables import epochs
 
-        names = ["id", "number", "begin", "end", "state", "revision", *(["result"] * results)]
+        names = ["id", "number", "begin", "end", "state", "revision"]
+        names += [*(["summary"] * (summaries or results)), *(["result"] * results)]
         columns = [epochs.c[name] for name in names]
         wanted = select(*columns).where(epochs.c.network == self._network)
+        wanted = wanted.order_by(epochs.c.number)
         if number is not None:
             wanted = wanted.where(epochs.c.number == number)
         if after is not None:
             wanted = wanted.where(epochs.c.number > after, epochs.c.result.is_not(None))
         wanted = wanted if most is None else wanted.limit(most)
         with self._database.reading() as connection:
-            found = [dict(r._mapping) for r in connection.execute(wanted.order_by(epochs.c.number))]
-        for row in found if results else ():
-            row["result"] = None if row["result"] is None else json.loads(row["result"])
+            at_one_moment(connection)
+            found = [dict(r._mapping) for r in connection.execute(wanted)]
+            if results:
+                ids = wanted.with_only_columns(epochs.c.id)
+                for row, result in zip(found, read_results(connection, found, ids), strict=True):
+                    row["result"] = result
+                    del row["summary"]
+        for row in found if summaries else ():
+            row["summary"] = None if row["summary"] is None else json.loads(row["summary"])
         return found
 
     @property

@@ -34,7 +34,7 @@ from ..service.answers import Answer, refusal
 from .alarm_tables import SiteAlarm
 from .database import Database, DatabaseAway
 from .decisions import accepted_by_people, decision_record, labels_of
-from .epoch_results import epoch_result, record_result
+from .epoch_results import epoch_result
 from .epoch_revision import revise_some
 from .epoch_search import SEARCHER, search_again
 from .epoch_survey import surveyed
@@ -45,6 +45,7 @@ from .network_clock import NetworkClock
 from .network_rows import network_row, record_begin
 from .posting_transactions import Batch, Task
 from .postings import QUERIES, Posting, known_answers, named_ids, recorded_requests
+from .result_columns import write_result
 from .site_file import NetworkSettings
 from .surveillance import Surveillance
 
@@ -57,7 +58,6 @@ MAX_WAITING_POSTINGS = 5000
 """Number of postings that may wait for a network; further ones are told to come later."""
 IDLE_SECONDS = 0.5
 """Time after which the network looks whether its epoch has ended, seconds."""
-
 YIELD_SECONDS = 0.02
 """Time between two steps of a revision, in which those who read get the lock, seconds."""
 
@@ -200,9 +200,9 @@ class LiveNetwork:
         with self._lock:
             return len(self._epochs.present.stream.adjustment) > 0
 
-    def epochs(self, *, results: bool = False, number: int | None = None) -> list[dict[str, Any]]:
-        """Return all epochs in order, or one, as their rows say; ``results``: with results."""
-        return self._epochs.read_rows(results=results, number=number)
+    def epochs(self, **wanted: Any) -> list[dict[str, Any]]:
+        """Return the rows of epochs as the database has them, see `LiveEpochs.read_rows`."""
+        return self._epochs.read_rows(**wanted)
 
     # -- begin ------------------------------------------------------------------------------------
 
@@ -465,7 +465,7 @@ class LiveNetwork:
             ended=sum(row["state"] != "open" for row in self._epochs.rows()),
         )
         batch.results[epoch.number] = result
-        batch.steps.append(lambda c: record_result(c, epoch.id, epoch.revision, result))
+        batch.steps.append(lambda c: write_result(c, epoch.id, result, revision=epoch.revision))
         what = "closed" if epoch.revision == 1 else "result"
         batch.events.append(("epoch", {"epoch": epoch.number, "what": what, **epoch.summary()}))
         return {k: v for k, v in result.items() if k != "estimate"}

@@ -21,7 +21,7 @@ from ..errors import InputError, Problem, system_reason
 from ..files import keeping_inputs
 from ..io.readers import READERS
 from ..version import __version__
-from .database import Database
+from .database import Database, at_one_moment
 from .site_file import SITE_FILE, SiteSettings, read_site
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def write_archive(site: str | Path, path: str | Path) -> dict[str, int]:
             for name, file in files.items():
                 digests[f"files/{name}"] = _stored(archive, f"files/{name}", [file.read_bytes()])
             with database.reading() as connection:
-                _at_one_moment(connection)
+                at_one_moment(connection)
                 revision, counts = database.revision(connection), dict[str, int]()
                 for table in _tables():
                     counts[table.name] = 0
@@ -181,14 +181,6 @@ def _lines(connection: Connection, table: Any, counts: dict[str, int]) -> Iterat
     for row in connection.execution_options(yield_per=ROWS_AT_ONCE).execute(wanted):
         counts[table.name] += 1
         yield json.dumps(dict(row._mapping), ensure_ascii=False).encode() + b"\n"
-
-
-def _at_one_moment(connection: Connection) -> None:
-    """Let a transaction read all tables as they are when it begins; SQLite always does."""
-    from sqlalchemy import text
-
-    if connection.dialect.name == "postgresql":
-        connection.execute(text("set transaction isolation level repeatable read"))
 
 
 # -- reading ---------------------------------------------------------------------------------------

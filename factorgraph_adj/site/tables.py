@@ -21,7 +21,7 @@ from sqlalchemy import (
     UniqueConstraint,
 )
 
-REVISION = "0003"
+REVISION = "0004"
 """Revision of these tables: that of the newest migration."""
 MAX_LETTERS_OF_NAME = 200
 """Largest number of characters of names and of requests."""
@@ -60,11 +60,22 @@ epochs = Table(
     Column("end", Float(53)),
     Column("state", String(20), nullable=False),
     Column("revision", Integer, nullable=False, default=0),
+    Column("summary", Text),
     Column("result", Text),
     UniqueConstraint("network", "number"),
 )
 """The epochs of a network: ``state`` is open, closed, or reopened (late readings came, and their
-result is not there yet); ``result`` is that of the last revision."""
+result is not there yet). ``summary``, ``result`` and the rows of ``point_results`` are together the
+result of the last revision, see `factorgraph_adj.site.result_columns`."""
+
+point_results = Table(
+    "point_results",
+    metadata,
+    Column("epoch", Number, ForeignKey("epochs.id"), primary_key=True),
+    Column("point", Text, primary_key=True),
+    Column("data", Text, nullable=False),
+)
+"""What the results of epochs say of each point."""
 
 journal = Table(
     "journal",

@@ -9,7 +9,6 @@ answers of the API about epochs.
 from __future__ import annotations
 
 import argparse
-import json
 import statistics
 import tempfile
 import threading
@@ -28,10 +27,10 @@ from factorgraph_adj.io.observation_records import observation_record
 from factorgraph_adj.io.project_writer import write_project
 from factorgraph_adj.monitoring.epoch_estimates import EpochEstimate
 from factorgraph_adj.monitoring.motion_filter import DAY_S
-from factorgraph_adj.report.layout import finite_json
 from factorgraph_adj.site.api import application
 from factorgraph_adj.site.live_network import LiveNetwork
 from factorgraph_adj.site.monitor_states import write_state
+from factorgraph_adj.site.result_columns import write_result
 from factorgraph_adj.site.site import Site
 from factorgraph_adj.site.site_file import read_site
 from factorgraph_adj.site.tables import epochs, journal, monitors
@@ -111,9 +110,11 @@ def make(folder: Path, number: int) -> None:
             result["findings"] = survey.shown(found)
             row = {"network": live.id, "number": n, "state": "closed", "revision": 1}
             row |= {"begin": at - DAY_S / 2, "end": at + DAY_S / 2}
-            rows.append(row | {"result": json.dumps(finite_json(result))})
+            rows.append((row, result))
         with site.database.writing() as connection:
-            connection.execute(insert(epochs), rows)
+            for row, result in rows:
+                key = connection.execute(insert(epochs).values(**row)).inserted_primary_key[0]
+                write_result(connection, key, result)
             newest = select(func.max(epochs.c.id)).scalar_subquery()
             columns = newest, journal.c.line, journal.c.text
             lines = select(*columns).where(journal.c.epoch == last["id"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 import threading
@@ -20,7 +21,7 @@ from tests.networks.yard import ARRIVALS
 from tests.support.places import ROOT
 from tests.support.postgresql import server
 from tests.support.processes import HANGS
-from tests.support.sites import ADDRESS, database_of, served, site_of, yard_of
+from tests.support.sites import ADDRESS, ALARM, database_of, readings, served, site_of, yard_of
 
 pytestmark = pytest.mark.usefixtures("store")
 
@@ -179,6 +180,58 @@ def test_a_database_of_the_first_version_is_upgraded_with_its_journals(tmp_path)
         assert [a.get("repeated", False) for a in answers] == [True] * 4 + [False] * 3
         with yard_of(site).reading() as epoch:
             assert len(epoch.stream.adjustment) == len(ARRIVALS)
+
+
+ROUTES = ("epochs", "epochs/2", "epochs/4", "series?points=C,nobody", "variance-components")
+"""Routes that read results of epochs."""
+
+
+def results_in(address):
+    """Return what the tables have of results, read as JSON."""
+    engine = engine_of(address)
+    with engine.connect() as connection:
+        rows = connection.execute(text("select number, summary, result from epochs")).all()
+        points = connection.execute(text("select epoch, point, data from point_results")).all()
+    engine.dispose()
+    read = lambda x: x if x is None else json.loads(x)  # noqa: E731
+    columns = {row.number: (read(row.summary), read(row.result)) for row in rows}
+    return columns, {(row.epoch, row.point): read(row.data) for row in points}
+
+
+def test_results_of_epochs_are_parted_by_an_upgrade(tmp_path):
+    """As a service of this version writes them; going back, each is whole in one column."""
+    with served(tmp_path, epochs="1 h", more=ALARM) as client:
+        for hour in range(6):
+            client.post(f"{ADDRESS}/postings", json=readings(hour, 0.01 if hour == 3 else 0.0))
+        answers = [client.get(f"{ADDRESS}/{route}").json() for route in ROUTES]
+        rows = yard_of(client.app.state.site).epochs(results=True)
+    address = database_of(tmp_path)
+    parts = results_in(address)
+    assert len(parts[1]) >= 12 and any(part.get("tests") for part in parts[1].values())
+    migrated(address, "0003", down=True)
+    engine = engine_of(address)
+    with engine.connect() as connection:
+        whole = connection.execute(text("select number, result from epochs")).all()
+    engine.dispose()
+    assert {n: r and json.loads(r) for n, r in whole} == {r["number"]: r["result"] for r in rows}
+    with served(tmp_path, epochs="1 h", more=ALARM) as client:
+        assert results_in(address) == parts
+        assert [client.get(f"{ADDRESS}/{route}").json() for route in ROUTES] == answers
+
+
+def test_lists_of_epochs_read_no_results(tmp_path):
+    routes = [route for route in ROUTES if "epochs/" not in route]
+    with served(tmp_path, epochs="1 h", more=ALARM) as client:
+        for hour in range(4):
+            client.post(f"{ADDRESS}/postings", json=readings(hour))
+        answers = [client.get(f"{ADDRESS}/{route}").json() for route in routes]
+        assert all(answers) and len(answers[1][0]["z"]) == 4
+        engine = engine_of(database_of(tmp_path))
+        with engine.begin() as connection:
+            connection.execute(text("update epochs set result = 'is not JSON'"))
+            connection.execute(text("update point_results set data = '' where point <> 'C'"))
+        engine.dispose()
+        assert [client.get(f"{ADDRESS}/{route}").json() for route in routes] == answers
 
 
 def test_an_address_that_is_none_is_refused_without_its_password():

@@ -401,8 +401,8 @@ def test_events_tell_what_happened_in_order(tmp_path):
         assert [e.id for e in found] == sorted(e.id for e in found)
         with site.database.reading() as connection:
             assert connection.execute(select(func.count()).select_from(requests)).scalar() == 0
-            (result,) = connection.execute(select(epochs.c.result)).scalars()
-            assert json.loads(result)["converged"]
+            (summary,) = connection.execute(select(epochs.c.summary)).scalars()
+            assert json.loads(summary)["converged"]
 
 
 def test_a_refused_posting_and_a_question_begin_no_epoch(tmp_path):
