@@ -200,10 +200,14 @@ def application(site: Site, *, lifespan: bool = True) -> FastAPI:
         return problem_answer(status, list(problems))
 
     @app.exception_handler(RequestValidationError)
-    async def malformed(_: Request, error: RequestValidationError) -> JSONResponse:
+    async def malformed(asked: Request, error: RequestValidationError) -> JSONResponse:
         problems = [
             Problem(str(e["msg"]), ".".join(str(part) for part in e["loc"])) for e in error.errors()
         ]
+        kind = asked.headers.get("content-type", "")
+        if "json" not in kind and any(p.where.startswith("body") for p in problems):
+            what = f"the body is {kind or 'of no stated type'}: send JSON, with the header"
+            problems = [Problem(f"{what} Content-Type: application/json", "body")]
         return problem_answer(422, problems)
 
     @app.exception_handler(HTTPException)

@@ -255,6 +255,11 @@ def covariance(network: Network, caller: Reader, points: Names) -> Answer:
 # -- downloads -------------------------------------------------------------------------------------
 
 
+def _file_name(network: LiveNetwork, extension: str, epoch: int | None) -> str:
+    """Return the name of a file of a network; that of a stated epoch tells its number."""
+    return f"{network.settings.name}{'' if epoch is None else f'-epoch-{epoch}'}{extension}"
+
+
 def _download(kind: type[Response], data: bytes, name: str) -> Response:
     headers = {"Content-Disposition": f'attachment; filename="{name}"'}
     return kind(data, headers=headers)
@@ -288,7 +293,7 @@ class ZipFile(Response):
 def report(network: Network, site: TheSite, caller: Reader, epoch: EpochNumber = None) -> Response:
     """Return the report of an epoch as one HTML file."""
     data = epoch_file(network, site, "report.html", epoch)
-    return _download(HtmlFile, data, f"{network.settings.name}.html")
+    return _download(HtmlFile, data, _file_name(network, ".html", epoch))
 
 
 @network_router.get(
@@ -299,7 +304,7 @@ def report(network: Network, site: TheSite, caller: Reader, epoch: EpochNumber =
 def results(network: Network, site: TheSite, caller: Reader, epoch: EpochNumber = None) -> Response:
     """Return the results of an epoch as JSON."""
     data = epoch_file(network, site, "results.json", epoch)
-    return _download(JsonFile, data, f"{network.settings.name}.json")
+    return _download(JsonFile, data, _file_name(network, ".json", epoch))
 
 
 @network_router.get("/network.gpkg", response_class=GeoPackageFile)
@@ -308,7 +313,7 @@ def geopackage(
 ) -> Response:
     """Return an epoch as a GeoPackage."""
     data = epoch_file(network, site, "network.gpkg", epoch)
-    return _download(GeoPackageFile, data, f"{network.settings.name}.gpkg")
+    return _download(GeoPackageFile, data, _file_name(network, ".gpkg", epoch))
 
 
 @network_router.get("/project.zip", response_class=ZipFile)
@@ -321,4 +326,4 @@ def project(network: Network, caller: Reader, epoch: EpochNumber = None) -> Resp
     with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, text in files.items():
             archive.writestr(f"{network.settings.name}/{name}", text)
-    return _download(ZipFile, target.getvalue(), f"{network.settings.name}.zip")
+    return _download(ZipFile, target.getvalue(), _file_name(network, ".zip", epoch))

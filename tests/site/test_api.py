@@ -360,3 +360,18 @@ def test_a_token_has_a_name_that_a_table_can_hold(client, odd):
     answer = client.post("/api/v1/tokens", content=raw, headers=said)
     assert answer.status_code == 422
     assert "control characters" in answer.json()["error"][0]["what"]
+
+
+def test_a_body_that_is_said_to_be_something_else_is_told_how_to_be_sent(yard):
+    """As curl sends it where nothing is stated."""
+    said = {"Content-Type": "application/x-www-form-urlencoded"}
+    answer = yard.post(f"{ADDRESS}/postings", content=dumps(ARRIVALS[0]), headers=said)
+    assert answer.status_code == 422
+    assert "Content-Type: application/json" in answer.json()["error"][0]["what"]
+
+
+def test_files_of_an_ended_epoch_have_names_of_their_own(yard):
+    yard.post(f"{ADDRESS}/epochs", json={"close": True})
+    for file, name in (("report.html", "yard-epoch-1.html"), ("project.zip", "yard-epoch-1.zip")):
+        answer = yard.get(f"{ADDRESS}/{file}", params={"epoch": 1})
+        assert f'filename="{name}"' in answer.headers["Content-Disposition"]

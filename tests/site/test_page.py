@@ -272,12 +272,21 @@ def test_alarms_are_acknowledged_and_silenced(browser, server):
         v.sees("[data-alarm] .pill.silenced")
         assert alarm["state"] == "silenced"
         v.press("Acknowledge", within="#alarms")
+        v.sees("dialog", "Acknowledge alarm")
+        v.page.evaluate("location.hash = '#/small/points'")  # what is asked does not stay
+        v.page.wait_for_selector("dialog", state="detached")
+        v.go("overview")
+        v.press("Acknowledge", within="#alarms")
+        v.page.get_by_label("Remark").fill("a crane stands there")
+        v.press("Acknowledge", within="dialog")
+        v.sees("[data-alarm] .why", "a crane stands there")
         v.sees("[data-alarm] .why", "acknowledged")  # and still silent
         v.sees(".light.doubts", "Silenced, still standing")
         assert alarm["acknowledged"] and alarm["state"] == "silenced"
         other = server.site.raise_alarm("wall")
         mine = f"[data-alarm='{other['id']}']"
         v.press("Acknowledge", within=mine)
+        v.press("Acknowledge", within="dialog")
         v.sees(f"{mine} .pill.acknowledged")
         v.sees(".light.doubts", "Acknowledged, still standing")
         assert v.page.locator(mine).get_by_role("button", name="Acknowledge").count() == 0

@@ -227,3 +227,13 @@ def test_a_verdict_is_decided_in_its_own_epoch(browser, ended):
         both.first.locator("[data-act=accept]").click()
         v.sees("[data-id=wrong][data-verdict=rejected][data-now=accepted] >> nth=1")
         assert v.complaints == []
+
+
+def test_an_ended_epoch_has_its_files(browser, server):
+    with visit(browser, server, at="#/small/epochs/10") as v:
+        link = v.page.get_by_role("link", name="report.html")
+        assert link.get_attribute("href").endswith("/networks/small/report.html?epoch=10")
+        assert link.get_attribute("download") == "small-epoch-10-report.html"
+        v.go("epochs/11")
+        v.sees("h1", "Epoch 11")
+        assert v.page.get_by_role("link", name="report.html").count() == 0  # it is open

@@ -83,6 +83,8 @@ def test_an_alarm_is_acknowledged_by_keys_alone(browser, server):
         v.sees("[data-alarm]")
         _tab_to(v, "Acknowledge")
         v.page.keyboard.press("Space")
+        v.sees("dialog", "Acknowledge alarm")
+        v.page.keyboard.press("Enter")
         v.sees("[data-alarm] .pill.acknowledged")
         assert alarm["state"] == "acknowledged"
 

@@ -168,6 +168,7 @@ def test_an_alarm_of_the_service_is_acknowledged_and_silenced(browser, watched):
         one.sees("[data-alarm] .pill.open")
         one.sees("[data-alarm]", "stated rate 0.01 false alarms a month")
         one.press("Acknowledge", within="#alarms")
+        one.press("Acknowledge", within="dialog")
         for v in (one, two):
             v.sees("[data-alarm] .pill.acknowledged")
             v.sees(".light.doubts", "Acknowledged, still standing")

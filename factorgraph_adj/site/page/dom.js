@@ -42,7 +42,9 @@ export function ask({ title, content = [], agree, cancel, danger = false, check 
   return new Promise((resolve) => {
     const told = h("p", { class: "problem", role: "alert" });
     const id = freshId("dialog");
-    const done = (value) => { box.close(); box.remove(); resolve(value); };
+    const left = () => done(null); // another page is shown: what is asked does not stand there
+    const done = (value) => { removeEventListener("hashchange", left); box.close(); box.remove(); resolve(value); };
+    addEventListener("hashchange", left);
     const form = h("form", { novalidate: true, on: { submit: (event) => {
       event.preventDefault();
       const wrong = check(form);

@@ -8,6 +8,10 @@ import { Table } from "./table.js";
 
 const FILES = [["report.html", "file_report"], ["results.json", "file_results"], ["network.gpkg", "file_gpkg"], ["project.zip", "file_project"]];
 
+// Links to the files of an ended epoch, whose names tell it.
+export const filesOfEpoch = (number) => FILES.map(([file], i) => [i ? " · " : "",
+  h("a", { href: address(here(`${file}?epoch=${encodeURIComponent(number)}`)), download: `${context.network}-epoch-${number}-${file}` }, file)]);
+
 export function downloads(root, _, signal) {
   root.append(h("ul", { class: "cards" }, FILES.map(([file, text]) => h("li", { class: "card" },
     h("a", { href: address(here(file)), download: `${context.network}-${file}` }, file), h("p", { class: "note" }, t(text))))),

@@ -5,6 +5,7 @@ import { ask, button, colour, figures, fill, h } from "./dom.js";
 import { fixed, isNumber, kindName, metres, moment, stamp, t, word } from "./language.js";
 import { here, watch } from "./live.js";
 import { act, link, may, part, pill, pointLink, pointLinks } from "./parts.js";
+import { filesOfEpoch } from "./downloads.js";
 import { epochReadings } from "./epoch_readings.js";
 import { axesNote } from "./plane.js";
 import { Table } from "./table.js";
@@ -110,7 +111,8 @@ function epoch(root, number, signal) {
       isNumber(e.revised) ? h("p", { class: "note" }, t("revised_by", { number: e.revised })) : null,
       e.reference ? h("p", { class: e.reference.poorer ? "problem" : "note" }, referenceText(e.reference)) : null,
       c && isNumber(c.test) ? h("p", {}, t(c.outcome === "changed" ? "congruence_failed" : "congruence_passed", { against: e.against ?? "–", test: fixed(c.test, 2), critical: fixed(c.critical, 2) })) : h("p", { class: "note" }, t("congruence_none")),
-      movedOf(e).length ? h("p", {}, t("moved_points"), ": ", pointLinks(movedOf(e), 30)) : null);
+      movedOf(e).length ? h("p", {}, t("moved_points"), ": ", pointLinks(movedOf(e), 30)) : null,
+      e.state === "closed" && !e.problem ? h("p", { class: "note" }, t("files_of_epoch"), ": ", filesOfEpoch(e.number)) : null);
     const blockList = blocks.length ? [h("h3", { class: "livehead" }, t("blocks")), h("ul", { class: "cards" }, blocks.map((b, i) => h("li", { class: "card" },
       h("strong", {}, t("block_n", { number: i + 1 })), " ", b.problem ? null : pill(b.moved ? "moved" : "stable", t(b.moved ? "moved" : "stable")),
       b.problem ? h("div", { class: "problem", lang: "en" }, b.problem) : [

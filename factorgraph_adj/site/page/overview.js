@@ -94,13 +94,12 @@ export function alarmItem(a) {
   if (may("surveyor") && !isNumber(a.acknowledged))
     row.append(button(t("acknowledge"), async () => {
       const said = () => t("acknowledged_done", { rule: a.rule });
-      if (a.state !== "closed") return post("acknowledge", {}, said);
       const given = await ask({
-        title: t("acknowledge_ended", { rule: a.rule }), agree: t("acknowledge"), cancel: t("cancel"),
+        title: t(a.state === "closed" ? "acknowledge_ended" : "acknowledge_open", { rule: a.rule }), agree: t("acknowledge"), cancel: t("cancel"),
         content: [h("p", {}, alarmSentence(a)), h("label", { class: "field" }, t("remark"), h("input", { name: "remark", type: "text", maxlength: MOST_LETTERS }))],
       });
       if (!given) return null;
-      acknowledged = a.id; // the event may come before the answer
+      if (a.state === "closed") acknowledged = a.id; // the event may come before the answer
       return post("acknowledge", { remark: given.get("remark") }, said);
     }, { "data-key": `ack-${a.id}` }));
   if (may("surveyor") && a.state !== "silenced" && a.state !== "closed")
