@@ -1,9 +1,10 @@
 """Decisions by hand about observations: accept, discard, and revoke, which takes the last one back.
 
 A decision replaces the verdict on an observation, and the new verdict keeps it (``former``). What
-comes back because of a decision keeps its own as well, with the ids of the observations that were
-decided on (``following``). `revoke` restores all of them, so that the state is the one without the
-decision, as far as nothing else has changed since.
+comes back because of a decision keeps its own as well, with the decision (``following``): the ids
+of the observations that were decided on, and how many decisions about each stood then. `revoke`
+restores all of them, so that the state is the one without the decision, as far as nothing else has
+changed since. While a later decision about something that came back stands, it is refused.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ def accept(
     after, verdicts = _entered(state, rows, rules)
     after, verdicts = readmitted(after, verdicts, rules)
     every = ledger.ids_of(rows)
-    after = _noted(state, after, rows, every)
+    after = _noted(state, after, rows, rows)
     return after, arrival_of(state, after, verdicts, every, "accept")
 
 
@@ -73,7 +74,7 @@ def discard(
     if len(inside):
         after, verdicts = _left(after, inside, rejected, rules, DISCARDED)
         after, verdicts = readmitted(after, verdicts, rules, but=every)
-        after = _noted(state, after, NO_ROWS, every)
+        after = _noted(state, after, NO_ROWS, rows)
     return after, arrival_of(state, after, verdicts | rejected, every, "discard")
 
 
@@ -83,7 +84,8 @@ def revoke(
     """Take the last decisions by hand about observations back, with what came back after them.
 
     Raises:
-        InputError: all ids about which no decision by hand stands.
+        InputError: all ids about which no decision by hand stands, and with which something came
+            back about which a later decision stands; image points that have been measured again.
     """
     ledger, wanted = state.ledger, ids_in(ids)
     rows = ledger.find(wanted)
@@ -97,8 +99,9 @@ def revoke(
     ]:
         raise InputError(problems)
     recorded = ledger.rows.verdicts
-    named = set(every)
-    following = [r for r, own in recorded.items() if named.intersection(own[0].following)]
+    last = {(v.id, _layers(v)) for r in rows.tolist() for v in recorded[r]}
+    _refuse_decided_later(ledger, last)
+    following = [r for r, own in recorded.items() if last.intersection(own[0].following)]
     both = np.union1d(rows, np.array(following, dtype=np.intp))
     formers = {v.id: v.former for r in both.tolist() for v in recorded[r] if v.former is not None}
     outcomes = {r: formers[recorded[r][0].id].verdict for r in both.tolist()}
@@ -117,6 +120,8 @@ def revoke(
     if len(leaves):
         after, more = _left(after, leaves, formers, rules, REVOKED)
         verdicts |= more
+    # Others that came meanwhile may fit again.
+    after, verdicts = readmitted(after, verdicts, rules, but=ledger.ids_of(both))
     told = {i: v for i, v in formers.items() if v.verdict != "accepted"}
     return after, arrival_of(state, after, verdicts | told, every, "revoke")
 
@@ -155,6 +160,34 @@ def _refuse_remeasured(ledger: Ledger, rows: Index) -> None:
         raise InputError(Problem(what, f"observation {name!r}") for name in again)
 
 
+def _layers(verdict: Verdict) -> int:
+    """Return how many decisions have replaced verdicts on an observation."""
+    number = 0
+    while (before := verdict.former) is not None:
+        verdict, number = before, number + 1
+    return number
+
+
+def _refuse_decided_later(ledger: Ledger, last: set[tuple[str, int]]) -> None:
+    """Refuse decisions with which something came back about which a later decision stands.
+
+    Args:
+        ledger: the ledger.
+        last: ids of observations, and how many decisions about each stand.
+    """
+    problems = []
+    for own in ledger.rows.verdicts.values():
+        below = own[0].former
+        while below is not None:
+            for ident, _ in last.intersection(below.following):
+                what = f"{own[0].id!r} came back with it, and a later decision about that stands: "
+                what += "take that back first"
+                problems.append(Problem(what, f"observation {ident!r}"))
+            below = below.former
+    if problems:
+        raise InputError(problems)
+
+
 def _verdicts(ledger: Ledger, row: int) -> Sequence[Verdict]:
     """Return the verdicts on a row; those on an accepted one have no figures."""
     return ledger.rows.verdicts.get(row) or untested(ledger.unit(row), "accepted")
@@ -189,7 +222,7 @@ def _left(
 
 
 def _noted(
-    before: IncrementalState, after: IncrementalState, rows: Index, ids: Sequence[str]
+    before: IncrementalState, after: IncrementalState, rows: Index, decided_on: Index
 ) -> IncrementalState:
     """Return a state in which accepted observations keep the verdicts that a decision replaced.
 
@@ -197,14 +230,17 @@ def _noted(
         before: the state before the decision.
         after: the state with what it has let in.
         rows: rows of the observations that were accepted by hand.
-        ids: ids of the observations that were decided on.
+        decided_on: rows of the observations that were decided on.
     """
     was = before.ledger.rows
+    decision = tuple(
+        (v.id, _layers(v) + 1) for r in decided_on.tolist() for v in _verdicts(before.ledger, r)
+    )
     out = np.isin(was.status, [OUTCOME_CODE["suspect"], OUTCOME_CODE["rejected"]])
     inside = after.ledger.rows.among(np.flatnonzero(out), "accepted")
     marks: Verdicts = {}
     for row in inside.tolist():
-        following = () if row in rows else tuple(ids)
+        following = () if row in rows else decision
         for v in was.verdicts.get(row, ()):
             mark = replace(v, verdict="accepted", cause="", former=v, following=following)
             marks[v.id] = mark

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from threading import RLock
 from typing import TYPE_CHECKING, Literal
@@ -208,6 +208,12 @@ class StateQueries(metaclass=ChecksArguments):
     def decided(self) -> frozenset[str]:
         """Ids of observations that were accepted or discarded by hand; `revoke` takes that back."""
         return manual_decisions.decided(self._state.ledger)
+
+    @one_at_a_time
+    def with_groups(self, ids: Iterable[str]) -> tuple[str, ...]:
+        """Return ids of observations with those of their correlated groups."""
+        ledger = self._state.ledger
+        return tuple(ledger.ids_of(ledger.find(ids)))
 
     @one_at_a_time
     def tested_now(self) -> tuple[Verdict, ...]:

@@ -272,7 +272,7 @@ def figures(verdict: Verdict | None) -> dict[str, Any]:
     if verdict.doubt:
         out["doubt"] = verdict.doubt
     if verdict.following:
-        out["following"] = list(verdict.following)
+        out["following"] = [list(one) for one in verdict.following]
     if (former := verdict.former) is not None:
         own = {"verdict": former.verdict, "cause": former.cause}
         out["former"] = own | figures(former)
@@ -453,7 +453,7 @@ def _verdict(
         critical=given.get("critical", np.nan),
         doubt=str(given.get("doubt", "")),
         points=points,
-        following=tuple(given.get("following", ())),
+        following=tuple((str(i), int(n)) for i, n in given.get("following", ())),
         **known,
     )
 

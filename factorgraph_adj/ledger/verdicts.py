@@ -105,6 +105,6 @@ class Verdict(ChiSquareTest):
     (there the standard deviations refer to all datum points together)."""
     former: Verdict | None = None
     """Verdict that a decision by hand has replaced, which `revoke` restores; None: it was none."""
-    following: tuple[str, ...] = ()
-    """Ids of the observations whose decision by hand let it come back; empty where the decision was
-    about itself."""
+    following: tuple[tuple[str, int], ...] = ()
+    """Decisions by hand about other observations that let it come back, as one: the id of each, and
+    how many decisions about it stood then; empty where the decision was about itself."""

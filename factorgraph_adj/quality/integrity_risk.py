@@ -89,7 +89,9 @@ def hidden_noncentralities(risk: float, alpha: float, dof: int = 1) -> tuple[Arr
     first = risk / (1.0 - alpha)
     if not first < special.ndtr(LARGEST_TAIL_QUANTILE):
         return np.zeros(0), np.zeros(0)
-    tail = special.ndtr(np.linspace(special.ndtri(first), LARGEST_TAIL_QUANTILE, TAIL_NODES))
+    # λ rises like a root from the first tail: nodes are dense there.
+    begin, share = special.ndtri(first), np.linspace(0.0, 1.0, TAIL_NODES) ** 2
+    tail = special.ndtr(begin + (LARGEST_TAIL_QUANTILE - begin) * share)
     tail[0] = first
     low, high = np.zeros(len(tail)), np.full(len(tail), 100.0)
     for _ in range(100):

@@ -38,7 +38,7 @@ class Decision:
     do: str
     """The command, one of `DECIDING`."""
     ids: tuple[str, ...]
-    """The observations that it names; none for a search among all."""
+    """The observations that it names, and those of their groups; none for a search among all."""
     labels: Mapping[str, str]
     """Readable names of the observations, by ids."""
 
@@ -50,8 +50,9 @@ class Decision:
             row: its row of the table ``actions``.
             record: the content of its column ``data``.
         """
-        ids, labels = named_ids(record).get("ids", ()), record.get("labels", {})
-        return cls(float(row["at"]), row["who"], row["action"], tuple(ids), labels)
+        named, labels = named_ids(record).get("ids", ()), record.get("labels", {})
+        ids = tuple(dict.fromkeys((*named, *labels)))
+        return cls(float(row["at"]), row["who"], row["action"], ids, labels)
 
     def shown(self, standing: Standing = NOTHING_STANDS) -> dict[str, Any]:
         """Return what the API shows, with those of its ids for which people can take it back."""
@@ -75,7 +76,9 @@ def decision_record(
 
 
 def labels_of(inc: IncrementalAdjustment, record: Row) -> dict[str, str]:
-    """Return readable names of the observations that a command names, as far as they are there.
+    """Return readable names of the observations that a command is about, as far as they are there.
+
+    Acceptance, rejection and their revocation of one of a correlated group are of all of it.
 
     Args:
         inc: the adjustment before the command: what it removes has no name afterwards.
@@ -83,9 +86,12 @@ def labels_of(inc: IncrementalAdjustment, record: Row) -> dict[str, str]:
     """
     out: dict[str, str] = {}
     ids = named_ids(record).get("ids")
+    of_groups = record.get("do") in (*REVOCABLE, "revoke")
     for ident in ids[:MAX_LABELS] if isinstance(ids, list) else ():
         with suppress(InputError):
-            out |= {ident: inc.observation(ident).label()} if isinstance(ident, str) else {}
+            named = [ident] if isinstance(ident, str) else []
+            every = inc.with_groups(named) if of_groups else named
+            out |= {i: inc.observation(i).label() for i in every}
     return out
 
 
@@ -154,4 +160,6 @@ def standing_decisions(decisions: Sequence[Decision]) -> Standing:
                 out[ident] = (*out.get(ident, ()), decision)
             elif decision.do == "revoke":
                 out[ident] = out.get(ident, ())[:-1]
+            else:  # it is another observation then, or none
+                out.pop(ident, None)
     return out

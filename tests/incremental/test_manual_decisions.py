@@ -132,6 +132,68 @@ def test_decisions_are_taken_back_in_their_order(policy: Policy, engine: Engine)
 
 
 @BOTH
+@POLICIES
+@pytest.mark.parametrize("settled", [False, True])
+def test_what_came_back_leaves_with_its_own_decision(
+    policy: Policy, engine: Engine, settled: bool
+) -> None:
+    """A later decision about the same observation brought nothing back, and takes nothing out."""
+    inc = levelled(0, policy, engine)
+    before, places = state(inc), estimates(inc)
+    inc.discard("h3")
+    discarded = state(inc)
+    came_back = discarded["accepted"] - before["accepted"]
+    assert came_back
+    inc.accept("h3")
+    if settled:
+        inc.settle()
+    inc.revoke("h3")
+    assert state(inc)["accepted"] >= came_back and "h3" not in state(inc)["accepted"]
+    inc.revoke("h3")
+    same(inc, before, places)
+
+
+@BOTH
+@POLICIES
+def test_readings_that_came_meanwhile_are_tested_again(policy: Policy, engine: Engine) -> None:
+    """A gross error that was accepted keeps correct readings out, until it is taken back."""
+    inc, undisturbed = levelled(0, policy, engine), levelled(0, policy, engine)
+    wrong = (*inc.suspects, *inc.rejected)[0].id
+    o = inc.observation(wrong)
+    assert isinstance(o, HeightDifference)
+    (a, b), own = (o.station, o.target), undisturbed
+    correct = own.estimate(b)[2] - own.estimate(a)[2] if a in POINTS else None
+    inc.accept(wrong)
+    for k in range(3):
+        if correct is None:
+            pytest.skip("a held point")
+        reading = HeightDifference(a, b, correct + 1e-4 * k, sigma=MM, id=f"n{k}")
+        inc.add(reading)
+        own.add(reading)
+    inc.revoke(wrong)
+    inc.settle()
+    own.settle()
+    assert state(inc) == state(own)
+
+
+@BOTH
+def test_a_decision_stays_while_one_about_what_it_brought_back_stands(engine: Engine) -> None:
+    inc = levelled(0, "flag", engine)
+    before, places = state(inc), estimates(inc)
+    inc.discard("h3")
+    (first, *_) = sorted(state(inc)["accepted"] - before["accepted"])
+    inc.discard(first)
+    both = state(inc)
+    for ids in (["h3"], ["h3", first]):
+        with pytest.raises(InputError, match=f"'{first}' came back with it"):
+            inc.revoke(ids)
+        assert state(inc) == both
+    inc.revoke(first)
+    inc.revoke("h3")
+    same(inc, before, places)
+
+
+@BOTH
 def test_decisions_and_their_opposites_survive_a_restart(tmp_path: Path, engine: Engine) -> None:
     """The journal of one that is stopped after each step leads where one goes that is not."""
     journal = tmp_path / "day.jsonl"

@@ -9,7 +9,7 @@ from math import comb
 
 import numpy as np
 import pytest
-from scipy.special import erfc
+from scipy.special import erfc, ndtr
 from scipy.stats import binom
 
 import factorgraph_adj as fga
@@ -47,6 +47,19 @@ def test_a_level_has_the_risk_at_the_worst_size(risk: float, dof: int) -> None:
     found = risk_at(level, np.full(5, 2.0), slope, 1e-3, dof=dof)
     assert np.all(found <= risk * (1.0 + 1e-4))
     assert np.all(found >= risk * 0.98)
+
+
+@pytest.mark.parametrize("risk", [1e-3, 1e-13, 1e-30, 1.1e-60])
+@pytest.mark.parametrize("dof", [1, 3])
+def test_no_size_of_a_fault_exceeds_the_risk_where_slopes_are_small(risk: float, dof: int) -> None:
+    """There the worst size is small, and λ rises like a root with the tail."""
+    slopes = np.array([0.002, 0.005, 0.01, 0.02, 0.05, 0.1])
+    size = np.linspace(0.0, 6.0, 60_001)
+    hidden = missed_detection(size, 1e-3, dof)
+    levels = protection_level(np.ones(6), slopes, risk, 1e-3, dof=dof)
+    for slope, level in zip(slopes, levels, strict=True):
+        found = np.max(hidden * (ndtr(slope * size - level) + ndtr(-slope * size - level)))
+        assert 0.97 * risk <= found <= risk * (1.0 + 1e-6)
 
 
 @pytest.mark.parametrize("risk", [1e-4, 1e-13, 1e-20, 1e-40, 1.1e-60])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from sqlalchemy import update
 
-from factorgraph_adj.site.decisions import accepted_by_people
+from factorgraph_adj.site.decisions import Decision, accepted_by_people, standing_decisions
 from factorgraph_adj.site.tables import actions
 from tests.networks.yard import ARRIVALS, WRONG
 from tests.support.sites import ADDRESS, ALARM, HOUR, readings, served, site_of, yard_of
@@ -286,3 +286,21 @@ def test_records_of_older_services_count_for_every_epoch(tmp_path):
             older = f'{{"do": "accept", "ids": ["{answer["id"]}"]}}'
             connection.execute(update(actions).values(data=older))
         assert accepted_by_people(site.database, "yard", 5) == {answer["id"]}
+
+
+def test_decisions_about_a_group_stand_as_one():
+    """Who accepts one of a group may take it back by naming another one."""
+
+    def decided(do, *ids, labels=()):
+        named = {"do": do, "ids": list(ids), "labels": dict.fromkeys(labels, "a height difference")}
+        return Decision.of({"at": 1.0, "who": "office", "action": do}, named)
+
+    accepted = decided("accept", "g4", labels=("g4", "g5"))
+    assert accepted.ids == ("g4", "g5")
+    standing = standing_decisions([accepted])
+    assert standing == {"g4": (accepted,), "g5": (accepted,)}
+    assert accepted.shown(standing)["revocable"] == ["g4", "g5"]
+    revoked = decided("revoke", "g5", labels=("g4", "g5"))
+    assert not any(standing_decisions([accepted, revoked]).values())
+    for do in ("remove", "replace", "reweight"):  # it is another observation then
+        assert not standing_decisions([accepted, decided(do, "g4", labels=("g4", "g5"))])
