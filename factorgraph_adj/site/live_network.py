@@ -44,7 +44,7 @@ from .monitor_states import read_state
 from .network_clock import NetworkClock
 from .network_rows import network_row, record_begin
 from .posting_transactions import Batch, Task
-from .postings import QUERIES, Posting, known_answers, named_ids, recorded_requests
+from .postings import QUERIES, Posting, known_answers, named_ids, passed_over, recorded_requests
 from .result_columns import write_result
 from .site_file import NetworkSettings
 from .surveillance import Surveillance
@@ -329,9 +329,8 @@ class LiveNetwork:
         task, do, time = lot[0].task, lot[0].do, max(posting.time for posting in lot)
         if do == "close epoch":
             epoch = self._epochs.present
-            asked = lot[0].epoch
-            if epoch.state != "open" or asked not in (None, epoch.number):
-                raise InputError(f"epoch {asked or epoch.number} is closed already")
+            if epoch.state != "open" or lot[0].epoch not in (None, epoch.number):
+                raise InputError(f"epoch {lot[0].epoch or epoch.number} is closed already")
             result = self._close(epoch, batch)
             batch.actions.append(task.action(do, decision_record({}, *self._named(epoch))))
             closed = {"line": line, "ok": True, **epoch.summary(), "result": result}
@@ -354,6 +353,7 @@ class LiveNetwork:
         told = [answer | {"epoch": epoch.number} for answer in told]
         for posting, answer in zip(lot, told, strict=True):
             self._note(posting, epoch, answer, batch)
+        batch.events += passed_over(there, epoch.number, lot[0], told)
         if epoch.number not in there and not any(answer["ok"] for answer in told):
             self._epochs.forget(epoch)  # nothing has come for it
         return told

@@ -10,6 +10,7 @@ from typing import Any
 
 from ..control_characters import has_control_characters, has_half_characters, why_refused
 from ..errors import AdjustmentError, InputError, Problem, known
+from ..instruments.message_rules import iso
 from ..service.answers import Answer, refusal
 from ..service.requests import adds_observations_alone, shown_value
 from .database import Database
@@ -290,3 +291,28 @@ def named_ids(record: Mapping[str, Any]) -> dict[str, Any]:
     """Return the ids that a command names: an answer does not say what was removed."""
     ids = record.get("ids", record.get("id") if record.get("do") == "replace" else None)
     return {} if ids is None else {"ids": [ids] if isinstance(ids, str) else ids}
+
+
+def passed_over(
+    there: Collection[int], number: int, posting: Posting, told: Sequence[Answer]
+) -> list[tuple[str, Answer]]:
+    """Return the event that tells of epochs without readings before a new one.
+
+    An instrument was away, or a time is wrong: what comes with right times is late then.
+
+    Args:
+        there: numbers of the epochs that were there.
+        number: number of the epoch of a lot.
+        posting: the first reading of the lot.
+        told: the answers to the lot.
+    """
+    last = max(there, default=number)
+    if last < 1 or number <= last + 1 or not any(answer["ok"] for answer in told):
+        return []
+    one = number == last + 2
+    without = f"epoch {last + 1} has" if one else f"epochs {last + 1} to {number - 1} have"
+    what = (
+        f"{posting.label} of {iso(posting.time)} has begun epoch {number}, and {without} no "
+        "readings: instruments were away, or the time of this reading is wrong"
+    )
+    return [("problem", {"what": what, "epoch": number})]

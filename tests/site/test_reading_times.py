@@ -117,6 +117,8 @@ def test_readings_without_a_time_are_of_now_on_the_clock_of_a_played_network(tmp
     site.start()
     try:
         assert [f.result(30)["epoch"] for f in came] == [1, 2, 91, 92, 92, 92, 93, 93]
+        (told,) = [e.data["what"] for e in site.events.after(0) if e.kind == "problem"]
+        assert "has begun epoch 91, and epochs 3 to 90 have no readings" in told
         (again,) = posted(live, bare)
         assert again["repeated"] and again["epoch"] == 92
         assert not [e for e in site.events.after(0) if e.data.get("what") == "reopened"]
