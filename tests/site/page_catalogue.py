@@ -124,6 +124,12 @@ def cleared(site: CannedSite) -> None:
     site.raise_alarm(state="closed", until=time() - 20)
 
 
+def ended(site: CannedSite) -> None:
+    """Raise alarms that have ended before anybody acknowledged them."""
+    for rule, point in (("crest", "D3"), ("wall", "D4")):
+        site.raise_alarm(rule, points=[point], state="closed", until=time() - 20)
+
+
 def instruments(site: CannedSite) -> None:
     """Let instruments be well, silent, without connection, stopped, and have troubles."""
     now = time()
@@ -334,6 +340,7 @@ STATES = (
     PageState("overview-doubts"),
     PageState("overview-alarm", prepare=alarmed),
     PageState("overview-alarms-known", prepare=known),
+    PageState("overview-alarms-ended", prepare=ended, act=clicks("#ended-alarms summary")),
     PageState("overview-problems", prepare=problems),
     PageState("overview-instruments", prepare=instruments),
     PageState("plan", "plan", act=_drawn),
@@ -395,6 +402,12 @@ STATES = (
         prepare=left_out,
         act=then(_opened("rejected"), clicks("[data-id=e0] [data-act=accept]")),
     ),
+    PageState(
+        "dialog-revoke-ended",
+        "epochs/10",
+        prepare=left_out,
+        act=then(_opened("decisions"), clicks("[data-act=revoke]")),
+    ),
     PageState("epoch-failed", "epochs/9", prepare=failed_epoch),
     PageState("instruments", "instruments", prepare=instruments),
     PageState("instrument-events", "instruments", prepare=instruments, act=_opened_values),
@@ -408,6 +421,12 @@ STATES = (
     PageState("dialog-sigma", "verdicts", prepare=arrivals, act=clicks("[data-act=sigma]")),
     PageState("dialog-remove", "verdicts/waiting", act=clicks("[data-act=remove]")),
     PageState("dialog-epoch", "epochs", act=clicks("#view .row button")),
+    PageState("dialog-acknowledge", prepare=alarmed, act=clicks("[data-key^=ack]")),
+    PageState(
+        "dialog-acknowledge-ended",
+        prepare=ended,
+        act=clicks("#ended-alarms summary", "#ended-alarms [data-key^=ack]"),
+    ),
     PageState("dialog-silence", prepare=alarmed, act=clicks("[data-key^=silence]")),
     PageState("dialog-token", "downloads", role="admin", act=clicks("#tokens .row button")),
     PageState("dialog-token-remove", "downloads", role="admin", act=clicks("#tokens tbody button")),
