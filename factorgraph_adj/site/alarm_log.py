@@ -20,6 +20,8 @@ from .database import Database
 if TYPE_CHECKING:
     from sqlalchemy import Connection
 
+WITHDRAWN = '"withdrawn": true'
+"""How the data of an alarm in the database say that it was withdrawn."""
 SILENCED_BY = "silenced_by"
 """Field of what an alarm says: who has silenced it."""
 MAX_SILENCE_HOURS = 24.0 * 31.0
@@ -107,9 +109,13 @@ def reconcile(
             latest = json.dumps(json.loads(row.data) | {"latest": now[key].data | tested})
             connection.execute(update(alarms).where(alarms.c.id == row.id).values(data=latest))
             continue
-        connection.execute(update(alarms).where(alarms.c.id == row.id).values(cleared=at))
-        out.events.append(shown(dict(row._mapping) | {"cleared": at}, name))
-        addresses = json.loads(row.data).get("notify", [])
+        data = json.loads(row.data)
+        # What its own epoch clears when that is computed again never was.
+        data |= withdrawal(data, row.rule) if at <= row.raised else {}
+        values = {"cleared": at, "data": json.dumps(data)}
+        connection.execute(update(alarms).where(alarms.c.id == row.id).values(**values))
+        out.events.append(shown(dict(row._mapping) | values, name))
+        addresses = data.get("notify", [])
         if row.silenced_until is None or row.silenced_until <= at:
             _tell(connection, row.id, addresses, out.events[-1])
     for key, found in now.items():
@@ -180,8 +186,7 @@ def revise(
                 tells = (row["cleared"] is None) != (same[0].until is None)
                 change(row, own, tells=tells, raised=same[0].since, cleared=same[0].until)
         elif (row["cleared"] is None or row["cleared"] >= at) and not data.get("withdrawn"):
-            said = {"text": f"withdrawn: {data.get('text', row['rule'])}", "withdrawn": True}
-            until = row["cleared"] or row["raised"]
+            until, said = row["cleared"] or row["raised"], withdrawal(data, row["rule"])
             change(row, data | said, tells=row["cleared"] is None, cleared=until)
     for found in (e for e in left if e.is_at(at, None)):
         latest = {} if found.latest is None else {"latest": found.latest}
@@ -194,6 +199,16 @@ def revise(
         out.events.append(shown({"id": number, **row, **nobody}, name))
         _tell(connection, number, found.notify, out.events[-1])
     return out
+
+
+def withdrawal(data: Mapping[str, Any], rule: str) -> Answer:
+    """Return what an alarm says that never was: its epoch has other observations now.
+
+    Args:
+        data: what it has said.
+        rule: name of its rule.
+    """
+    return {"text": f"withdrawn: {data.get('text', rule)}", "withdrawn": True}
 
 
 def _tell(connection: Connection, alarm: int, addresses: Sequence[str], said: Answer) -> None:
@@ -256,7 +271,7 @@ class AlarmLog:
 
         Args:
             state: ``standing`` (all that are not cleared), ``ended`` (cleared, and acknowledged by
-                nobody) or ``all``.
+                nobody, but not withdrawn) or ``all``.
             network: id of a network; None: of all.
             point: only those of this point; with ``standing``, all that it has had.
 
@@ -272,6 +287,7 @@ class AlarmLog:
         wanted = select(alarms).order_by(alarms.c.raised.desc(), alarms.c.id.desc())
         if state == "ended":
             wanted = wanted.where(alarms.c.cleared.is_not(None), alarms.c.acknowledged.is_(None))
+            wanted = wanted.where(alarms.c.data.not_like(f"%{WITHDRAWN}%"))
         elif state == "standing" and not point:
             wanted = wanted.where(alarms.c.cleared.is_(None))
         if network is not None:

@@ -13,7 +13,7 @@ import pytest
 from sqlalchemy import select
 
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.site.alarm_log import Raised, reconcile
+from factorgraph_adj.site.alarm_log import AlarmLog, Raised, reconcile
 from factorgraph_adj.site.alarm_notices import AlarmNotices, MailServer, read_mail_server
 from factorgraph_adj.site.database import Database
 from factorgraph_adj.site.tables import notices
@@ -160,3 +160,25 @@ def test_all_problems_of_a_mail_server_are_told():
     for part in ("host", "port", "sender", "password_env", "colour"):
         assert part in said
     assert "secret" not in said
+
+
+def test_what_its_own_epoch_clears_never_was(database):
+    """A reading of the epoch that raised it was taken out: nobody has to acknowledge it."""
+    log = AlarmLog(database, {})
+    standing = [Raised("wall", "C", DATA)]
+
+    def at(moment, found):
+        with database.writing() as connection:
+            (told,) = reconcile(connection, None, None, ["wall"], found, moment).events
+        return told
+
+    at(1000.0, standing)
+    told = at(1000.0, [])
+    assert told["withdrawn"] and told["text"].startswith("withdrawn: ")
+    assert (told["since"], told["until"]) == (1000.0, 1000.0)
+    assert not log.listed(state="ended")
+    at(2000.0, standing)
+    told = at(3000.0, [])
+    assert "withdrawn" not in told
+    assert [a["since"] for a in log.listed(state="ended")] == [2000.0]
+    assert [a["since"] for a in log.listed(state="all")] == [2000.0, 1000.0]
