@@ -147,6 +147,23 @@ def accepted_by_people(
     )
 
 
+def last_decisions(decisions: Sequence[Decision]) -> dict[str, Decision]:
+    """Return the last decision about each observation that was not taken back, by ids.
+
+    Args:
+        decisions: all decisions about an epoch, the oldest first.
+    """
+    standing, out = standing_decisions(decisions), dict[str, Decision]()
+    for decision in decisions:
+        for ident in decision.ids:
+            out[ident] = decision
+    for ident in [i for i, d in out.items() if d.do == "revoke"]:
+        del out[ident]
+        if own := standing.get(ident):
+            out[ident] = own[-1]
+    return out
+
+
 def standing_decisions(decisions: Sequence[Decision]) -> Standing:
     """Return the decisions ``accept`` and ``discard`` that no later ``revoke`` has taken back.
 

@@ -15,7 +15,7 @@ import numpy as np
 from ..instruments.message_rules import iso
 from ..report.adjustment_report import Report
 from ..report.options import LeftOutReading, Provenance, ReportOptions, Run
-from .decisions import Decision, epoch_decisions
+from .decisions import Decision, epoch_decisions, last_decisions
 from .live_epochs import LiveEpoch
 from .live_network import LiveNetwork
 from .observation_list import STATES, ObservationList
@@ -51,7 +51,7 @@ def epoch_file(network: LiveNetwork, site: Site, name: str, number: int | None) 
         decided = epoch_decisions(site.database, network.settings.name, epoch.number)
         provenance = Provenance(
             run=Run(subject=subject(site.settings.name, network.settings.name, epoch)),
-            left_out=left_out_readings(epoch, {i: d for d in decided for i in d.ids}),
+            left_out=left_out_readings(epoch, last_decisions(decided)),
         )
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / name

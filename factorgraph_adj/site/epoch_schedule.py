@@ -6,7 +6,8 @@ import math
 import re
 from dataclasses import dataclass
 
-from ..errors import InputError
+from ..errors import InputError, Problem
+from ..instruments.message_rules import iso
 
 SECONDS_OF = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 """Units of lengths of epochs, seconds."""
@@ -66,6 +67,19 @@ class EpochSchedule:
         """
         assert self.length is not None
         return math.floor(time / self.length) - math.floor(begun / self.length) + 1
+
+    def number_of_reading(self, time: float, begun: float) -> int:
+        """Return the number of the epoch of a reading, as `number`.
+
+        Raises:
+            InputError: it was measured before the first epoch.
+        """
+        number = self.number(time, begun)
+        if number < 1:
+            first = iso(self.bounds(1, begun)[0])
+            what = f"time {iso(time)} is before the first epoch, which began at {first}"
+            raise InputError(Problem(what, "time"))
+        return number
 
     def bounds(self, number: int, begun: float) -> tuple[float, float]:
         """Return begin and end of an epoch, seconds since 1970 UTC, as `number` has them."""

@@ -28,7 +28,7 @@ from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from ..errors import AdjustmentError, InputError, Problem
+from ..errors import AdjustmentError, InputError
 from ..io.project import Project
 from ..service.answers import Answer, refusal
 from .alarm_tables import SiteAlarm
@@ -408,11 +408,7 @@ class LiveNetwork:
                 return present
             return self._epochs.new(present.number + 1, (time, None))
         self.begun = self.begun or record_begin(self._database, self.id, time)
-        number = schedule.number(time, self.begun)
-        if number < 1:
-            first, _ = schedule.bounds(1, self.begun)
-            what = f"time {time:.0f} is before the first epoch, which began at {first:.0f}"
-            raise InputError(Problem(what, "time"))
+        number = schedule.number_of_reading(time, self.begun)
         if number in {row["number"] for row in self._epochs.rows()}:
             return self._epochs.epoch(number)
         return self._epochs.new(number, schedule.bounds(number, self.begun))

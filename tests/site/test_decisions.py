@@ -5,7 +5,12 @@ from __future__ import annotations
 import pytest
 from sqlalchemy import update
 
-from factorgraph_adj.site.decisions import Decision, accepted_by_people, standing_decisions
+from factorgraph_adj.site.decisions import (
+    Decision,
+    accepted_by_people,
+    last_decisions,
+    standing_decisions,
+)
 from factorgraph_adj.site.tables import actions
 from tests.networks.yard import ARRIVALS, WRONG
 from tests.support.sites import ADDRESS, ALARM, HOUR, readings, served, site_of, yard_of
@@ -302,5 +307,8 @@ def test_decisions_about_a_group_stand_as_one():
     assert accepted.shown(standing)["revocable"] == ["g4", "g5"]
     revoked = decided("revoke", "g5", labels=("g4", "g5"))
     assert not any(standing_decisions([accepted, revoked]).values())
+    assert last_decisions([accepted, revoked]) == {}
+    rejected = decided("discard", "g4", labels=("g4", "g5"))
+    assert last_decisions([rejected, accepted, revoked]) == {"g4": rejected, "g5": rejected}
     for do in ("remove", "replace", "reweight"):  # it is another observation then
         assert not standing_decisions([accepted, decided(do, "g4", labels=("g4", "g5"))])

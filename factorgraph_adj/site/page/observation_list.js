@@ -41,7 +41,7 @@ export function observationList(path, signal, { epoch } = {}) {
     rows = found.rows ?? found[path] ?? found;
     number = found.epoch;
     // Of the present epoch it is said that it is not the one before, which has a list of its own.
-    if (epoch === undefined && isNumber(number)) fill(heading, t("epoch_n", { number }), number > 1 ? [" · ", h("a", { href: link("epochs", number - 1) }, t("left_out_before", { number: number - 1 }))] : null);
+    if (epoch === undefined && isNumber(number)) fill(heading, t("epoch_n", { number }), " · ", h("a", { href: link("epochs", number) }, t("decisions_of_epoch")), number > 1 ? [" · ", h("a", { href: link("epochs", number - 1) }, t("left_out_before", { number: number - 1 }))] : null);
     // A few are seen at a glance.
     bar.hidden = epoch !== undefined && rows.length < 6;
     if (!ul.isConnected) fill(box.body, heading, told, ul);
