@@ -57,6 +57,21 @@ def has_half_characters(value: object) -> bool:
     return False
 
 
+def refuse_half_characters(text: str, found: object, what: str) -> None:
+    """Refuse data of JSON with halves of characters.
+
+    Args:
+        text: the JSON, in which they are escapes.
+        found: the data.
+        what: what they are of, for the message.
+
+    Raises:
+        InputError: there are some.
+    """
+    if "\\u" in text and has_half_characters(found):
+        raise InputError(f"the {what} has half a character (a lone surrogate)")
+
+
 def problems_of_names(names: Iterable[str], what: str) -> Iterator[Problem]:
     """Yield a problem for every name with control characters; ``what`` it is the name of."""
     for name in names:

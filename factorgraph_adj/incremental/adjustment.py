@@ -338,7 +338,9 @@ class IncrementalAdjustment(SightQueries):
         observations about which a decision can be taken back.
 
         Raises:
-            InputError: all ids about which no decision stands; nothing has changed then.
+            InputError: all ids about which no decision stands, or with whose decision something
+                came back about which a later decision stands, or image points that have been
+                measured again since; nothing has changed then.
         """
         return self._changed("revoke", manual_decisions.revoke(self._state, ids, self._rules))
 

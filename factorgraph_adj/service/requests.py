@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, TypeVar
 
-from ..control_characters import has_half_characters
+from ..control_characters import refuse_half_characters
 from ..entities import Camera, Key, Parameter, parameter_name
 from ..errors import MEANT, InputError, Problem, known, similar
 from ..io.csv_tables import FieldRow
@@ -62,8 +62,7 @@ def parse_line(line: str | bytes) -> dict[str, Any]:
         raise InputError("the line is empty: write one JSON object {…}")
     try:
         found = json.loads(text, object_pairs_hook=_once)
-        if "\\u" in text and has_half_characters(found):
-            raise InputError("the line has half a character (a lone surrogate)")
+        refuse_half_characters(text, found, "line")
     except json.JSONDecodeError as error:
         what = f"the line is not JSON: {error.msg} (character {error.pos + 1})"
         raise InputError(what) from None

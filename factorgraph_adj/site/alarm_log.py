@@ -250,7 +250,8 @@ def shown(row: Mapping[str, Any], network: str | None) -> Answer:
     own |= {"points": [row["subject"]] if row["subject"] else []}
     known = None if row["acknowledged"] is None else row["acknowledged_by"]
     own |= {"since": row["raised"], "until": row["cleared"], "by": known}
-    silencer = data.pop(SILENCED_BY, None)
+    # Older rows have who silenced it where who acknowledged it stands, if nobody did.
+    silencer = data.pop(SILENCED_BY, row["acknowledged_by"] if known is None else None)
     own |= {SILENCED_BY: None if silenced is None else silencer}
     if half := 0.5 * (data.get(EPOCH_SECONDS) or 0.0):
         own |= {"epoch_begin": row["raised"] - half, "epoch_end": row["raised"] + half}

@@ -153,15 +153,10 @@ def last_decisions(decisions: Sequence[Decision]) -> dict[str, Decision]:
     Args:
         decisions: all decisions about an epoch, the oldest first.
     """
-    standing, out = standing_decisions(decisions), dict[str, Decision]()
-    for decision in decisions:
-        for ident in decision.ids:
-            out[ident] = decision
-    for ident in [i for i, d in out.items() if d.do == "revoke"]:
-        del out[ident]
-        if own := standing.get(ident):
-            out[ident] = own[-1]
-    return out
+    standing = standing_decisions(decisions)
+    last = {ident: decision for decision in decisions for ident in decision.ids}
+    left = {i: standing.get(i, ()) if d.do == "revoke" else (d,) for i, d in last.items()}
+    return {ident: own[-1] for ident, own in left.items() if own}
 
 
 def standing_decisions(decisions: Sequence[Decision]) -> Standing:

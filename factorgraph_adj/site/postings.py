@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ..control_characters import has_control_characters, has_half_characters, why_refused
+from ..control_characters import has_control_characters, refuse_half_characters, why_refused
 from ..errors import AdjustmentError, InputError, Problem, known
 from ..instruments.message_rules import iso
 from ..service.answers import Answer, refusal
@@ -77,8 +77,7 @@ class Posting:
             InputError: a bad time, request, epoch or set, or an unknown command.
         """
         text = json.dumps(task.record, sort_keys=True)
-        if "\\u" in text and has_half_characters(task.record):
-            raise InputError("the posting has half a character (a lone surrogate)")
+        refuse_half_characters(text, task.record, "posting")
         record, do = dict(task.record), task.record.get("do", "add")
         time, request = posting_time(record, task.received, now), posting_request(record)
         epoch = None if do == "add" else named_epoch(record)
